@@ -1,0 +1,1 @@
+"""What every service shares: schemas, topics, the bus, the runners and the robot as data."""

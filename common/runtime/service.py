@@ -1,0 +1,71 @@
+"""The contract between a service and whatever runs it: live, in simulated time, or from a log."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeVar
+
+from common.schemas import Message
+from common.topics import Topic
+
+M = TypeVar("M", bound=Message)
+
+
+class Inputs(Protocol):
+    """What a service sees of its inputs during one step."""
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """Last good message of a latest-value topic; None before the first."""
+        ...
+
+    def updated(self, topic: Topic[Any]) -> bool:
+        """Whether a good message arrived since the previous step."""
+        ...
+
+    def fresh(self, topic: Topic[Any]) -> bool:
+        """Whether the last good message arrived within the topic's ``max_age``."""
+        ...
+
+    def age(self, topic: Topic[Any]) -> float:
+        """Seconds since the last good message arrived (infinity before the first)."""
+        ...
+
+    def events(self, topic: Topic[M]) -> list[M]:
+        """Messages of an event topic since the previous step, oldest first."""
+        ...
+
+
+@dataclass(frozen=True)
+class Output:
+    """One message to publish; the publisher completes its header, keeping ``stamp``."""
+
+    topic: Topic[Any]
+    message: Message
+
+
+class Service(ABC):
+    """A service as a plain object; it knows neither the transport nor a wall clock.
+
+    Attributes:
+        name: short name, also the ``source`` in message headers.
+        period_ns: nominal time between steps [ns].
+        reads: topics it subscribes to.
+        writes: topics it publishes.
+        trigger: optional topic whose arrival starts a step (at most one per ``period_ns``, to
+            which the arrivals are phase-locked); without an arrival a step still runs after
+            1.5 periods. None: steps are paced by the clock alone.
+    """
+
+    name: str
+    period_ns: int
+    reads: tuple[Topic[Any], ...] = ()
+    writes: tuple[Topic[Any], ...] = ()
+    trigger: Topic[Any] | None = None
+
+    @abstractmethod
+    def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+        """Advance by one period; ``now_ns`` is the runner's monotonic clock [ns]."""
+
+    def close(self) -> None:
+        """Release what the service holds; called once when its runner stops."""
+        return

@@ -1,0 +1,37 @@
+"""The header every message carries and the base class of all messages."""
+
+from typing import ClassVar
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class Header(BaseModel):
+    """Where, when and by whom a message was made.
+
+    ``stamp`` is filled by the service; everything else by the publisher when it sends.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    seq: int = Field(default=0, ge=0, description="Counts this publisher's messages from 0")
+    stamp: int = Field(
+        default=0, ge=0, description="Robot time [ns] of the information in the message"
+    )
+    sent: int = Field(default=0, ge=0, description="Sender's monotonic clock [ns] when sent")
+    boot: int = Field(default=0, ge=0, description="Random id of the sending process's life")
+    source: str = Field(default="", max_length=64, description="Name of the sending service")
+    injected: int = Field(
+        default=0, ge=0, description="Delay deliberately injected on this link [ns]"
+    )
+
+
+class Message(BaseModel):
+    """Base of all messages: frozen, no unknown fields, no NaN or infinity anywhere."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", arbitrary_types_allowed=True, allow_inf_nan=False
+    )
+
+    VERSION: ClassVar[int] = 1
+
+    header: Header = Header()

@@ -1,0 +1,38 @@
+"""What an operator (a person, a script or a policy) tells the robot."""
+
+from enum import IntEnum
+
+from pydantic import Field
+
+from common.schemas.arrays import Quaternion, Vector2, Vector3
+from common.schemas.base import Message
+
+
+class Gait(IntEnum):
+    """The predefined gait sequences, numbered as in the public TRILL action space."""
+
+    NONE = 0
+    FORWARD = 1
+    BACKWARD = 2
+    SIDE_LEFT = 3
+    SIDE_RIGHT = 4
+    TURN_LEFT = 5
+    TURN_RIGHT = 6
+
+
+class Setpoint(Message):
+    """Hand poses in the body frame (torso_link), gripper closures and neck pitch, at 20 Hz."""
+
+    left_hand_position_in_body: Vector3 = Field(description="[m]")
+    left_hand_quaternion_in_body: Quaternion
+    right_hand_position_in_body: Vector3 = Field(description="[m]")
+    right_hand_quaternion_in_body: Quaternion
+    gripper_closure: Vector2 = Field(description="left, right; 0 open, 1 closed")
+    neck_pitch: float = Field(default=0.0, description="head pitch, positive looks down [rad]")
+
+
+class GaitRequest(Message):
+    """Ask for one gait; accepted only while balancing, always answered with a GaitReply."""
+
+    request_id: int = Field(ge=0, description="chosen by the sender, echoed in every reply")
+    gait: Gait

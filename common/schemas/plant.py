@@ -1,0 +1,100 @@
+"""What the plant (simulated or real robot) says and is told."""
+
+from enum import IntEnum
+
+import numpy as np
+from pydantic import Field
+
+from common.schemas.arrays import JointVector, Quaternion, Vector2, Vector3
+from common.schemas.base import Message
+
+
+class GuardMode(IntEnum):
+    """What the plant's command guard is doing with the motors."""
+
+    SILENT = 0
+    """No command yet: joints hold the initial pose."""
+    ACTIVE = 1
+    """Commands are applied."""
+    HOLD = 2
+    """Command stale or refused: joints hold where they were."""
+    DAMP = 3
+    """Stale for long, or fallen: joints are only damped."""
+    ESTOP = 4
+    """Emergency stop, latched until reset: joints are only damped."""
+
+
+class PlantState(Message):
+    """Robot state; ``header.stamp`` is the robot time at which it was measured."""
+
+    base_position: Vector3 = Field(description="torso_link origin in world [m]")
+    base_quaternion: Quaternion = Field(description="torso_link to world rotation (w, x, y, z)")
+    base_linear_velocity: Vector3 = Field(description="torso_link origin in world [m/s]")
+    base_angular_velocity: Vector3 = Field(description="of torso_link, in torso_link [rad/s]")
+    joint_position: JointVector = Field(description="[rad]")
+    joint_velocity: JointVector = Field(description="[rad/s]")
+    joint_torque: JointVector = Field(description="torque the motors applied [N·m]")
+    gripper_closure: Vector2 = Field(description="left, right; 0 open, 1 closed")
+    foot_normal_force: Vector2 = Field(description="left, right ground reaction [N]")
+    reset_count: int = Field(default=0, ge=0, description="Times the plant was reset")
+
+
+class JointCommand(Message):
+    """Joint set-points with feed-forward; ``header.stamp`` is that of the state it was made from.
+
+    The plant applies ``torque + stiffness (q_cmd - q) + damping (dq_cmd - dq)`` at its physics
+    rate, with ``q_cmd, dq_cmd`` extrapolated by ``velocity`` and ``acceleration`` from
+    ``header.stamp`` to now.
+    """
+
+    position: JointVector = Field(description="[rad]")
+    velocity: JointVector = Field(description="[rad/s]")
+    acceleration: JointVector = Field(description="[rad/s²]")
+    torque: JointVector = Field(description="feed-forward [N·m]; each knee half gets half")
+    stiffness: JointVector = Field(description="[N·m/rad]")
+    damping: JointVector = Field(description="[N·m·s/rad]")
+    gripper_closure: Vector2 = Field(description="left, right; 0 open, 1 closed")
+
+
+class PlantStatus(Message):
+    """How the plant is doing: guard, pace, age of the state behind the applied torque."""
+
+    guard: GuardMode
+    paused: bool
+    fallen: bool
+    real_time_factor: float = Field(ge=0.0, description="simulated / wall time, last second")
+    age_at_torque_median: float = Field(ge=0.0, description="state age when applied [s]")
+    age_at_torque_p99: float = Field(ge=0.0, description="[s]")
+    commands_applied: int = Field(ge=0)
+    commands_refused: int = Field(ge=0, description="out of range, out of order or too old")
+    holds: int = Field(ge=0, description="times the guard fell back to HOLD")
+    saturated_fraction: float = Field(
+        ge=0.0, le=1.0, description="share of physics steps with a motor at its torque limit"
+    )
+    late_steps: int = Field(ge=0, description="physics steps given up to catch up with the wall")
+
+
+class PlantAction(IntEnum):
+    """What a :class:`PlantRequest` asks for."""
+
+    RESET = 0
+    PAUSE = 1
+    RESUME = 2
+    PUSH = 3
+
+
+class PlantRequest(Message):
+    """Ask the (simulated) plant to reset, pause, resume or push the torso."""
+
+    action: PlantAction
+    force: Vector3 = Field(
+        default_factory=lambda: np.zeros(3),
+        description="for PUSH: on the torso, in world [N]",
+    )
+    duration: float = Field(default=0.1, gt=0.0, le=5.0, description="for PUSH [s]")
+
+
+class Estop(Message):
+    """Emergency stop: latched by the plant until it is reset."""
+
+    reason: str = Field(max_length=200)

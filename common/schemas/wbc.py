@@ -1,0 +1,58 @@
+"""What the whole-body controller says about itself, and its answers to gait requests."""
+
+from enum import IntEnum
+
+from pydantic import Field
+
+from common.schemas.arrays import Vector2, Vector3
+from common.schemas.base import Message
+from common.schemas.operator import Gait
+
+
+class ControlState(IntEnum):
+    """Discrete states of the locomotion state machine (numbering of Seo et al.'s public code)."""
+
+    STAND = 0
+    BALANCE = 1
+    RF_CONTACT_TRANSITION_START = 2
+    RF_CONTACT_TRANSITION_END = 3
+    RF_SWING = 4
+    LF_CONTACT_TRANSITION_START = 5
+    LF_CONTACT_TRANSITION_END = 6
+    LF_SWING = 7
+
+
+class ControllerState(Message):
+    """The controller's discrete state, tracking errors and solver health, once a tick."""
+
+    state: ControlState
+    gait: Gait = Field(description="gait in execution; NONE while balancing")
+    gait_progress: float = Field(ge=0.0, le=1.0)
+    gaits_completed: int = Field(ge=0)
+    dcm_error: float = Field(ge=0.0, description="|DCM - planned DCM|, horizontal [m]")
+    com_in_world: Vector3
+    hand_position_error: Vector2 = Field(description="left, right: |actual - target| [m]")
+    hand_rotation_error: Vector2 = Field(description="left, right [rad]")
+    hand_weight: float = Field(ge=0.0, description="current weight of the hand position tasks")
+    setpoint_fresh: bool = Field(description="hand set-points arrive in time; else held")
+    solver: str = Field(max_length=32)
+    unsolved: int = Field(ge=0, description="ticks whose QP was not solved, so far")
+    tick_ms: float = Field(ge=0.0, description="wall time of this tick's computation [ms]")
+
+
+class GaitOutcome(IntEnum):
+    """What became of a gait request."""
+
+    ACCEPTED = 0
+    REFUSED = 1
+    COMPLETED = 2
+    ABORTED = 3
+
+
+class GaitReply(Message):
+    """Answer to a :class:`~common.schemas.operator.GaitRequest`; every request gets at least one."""
+
+    request_id: int = Field(ge=0)
+    gait: Gait
+    outcome: GaitOutcome
+    reason: str = Field(default="", max_length=200)

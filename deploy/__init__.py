@@ -1,0 +1,1 @@
+"""How the services are brought up: the command line, the supervisor, the live table."""
