@@ -1,0 +1,1 @@
+"""The typed bus: codec, Zenoh session, publishers, inboxes and delay lines."""

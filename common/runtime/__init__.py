@@ -1,0 +1,1 @@
+"""The service contract and the ways to run a service."""

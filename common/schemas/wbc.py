@@ -50,7 +50,7 @@ class GaitOutcome(IntEnum):
 
 
 class GaitReply(Message):
-    """Answer to a :class:`~common.schemas.operator.GaitRequest`; every request gets at least one."""
+    """Answer to a gait request; every request gets at least one."""
 
     request_id: int = Field(ge=0)
     gait: Gait

@@ -1,0 +1,1 @@
+"""Records everything on the bus."""

@@ -1,0 +1,1 @@
+"""Operator inputs turned into set-points and gait requests."""

@@ -1,0 +1,1 @@
+"""Whole-body control: from set-points and gait requests to joint commands."""
