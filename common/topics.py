@@ -17,6 +17,7 @@ from common.schemas import (
     GaitRequest,
     JointCommand,
     Message,
+    OperatorStatus,
     PlantRequest,
     PlantState,
     PlantStatus,
@@ -78,6 +79,7 @@ WBC_STATE = Topic("wbc/state", ControllerState, 100.0, 0.2, doc="state machine, 
 WBC_REPLY = Topic("wbc/reply", GaitReply, 0.0, delivery=_EVENT, doc="answers to gait requests")
 TELEOP_SETPOINT = Topic("teleop/setpoint", Setpoint, 20.0, 0.25, doc="hands, grippers, neck")
 TELEOP_GAIT = Topic("teleop/gait", GaitRequest, 0.0, delivery=_EVENT, doc="gait requests")
+TELEOP_STATUS = Topic("teleop/status", OperatorStatus, 5.0, 1.0, doc="progress of a script")
 CAMERA_LEFT = Topic("camera/left", CameraFrame, 20.0, 0.5, priority=_B, doc="left eye")
 CAMERA_RIGHT = Topic("camera/right", CameraFrame, 20.0, 0.5, priority=_B, doc="right eye")
 HEALTH = Topic(
@@ -95,6 +97,7 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     WBC_REPLY,
     TELEOP_SETPOINT,
     TELEOP_GAIT,
+    TELEOP_STATUS,
     CAMERA_LEFT,
     CAMERA_RIGHT,
     HEALTH,

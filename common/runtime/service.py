@@ -54,6 +54,8 @@ class Service(ABC):
         trigger: optional topic whose arrival starts a step (at most one per ``period_ns``, to
             which the arrivals are phase-locked); without an arrival a step still runs after
             1.5 periods. None: steps are paced by the clock alone.
+        exit_code: set by the service itself to end its runner after the current step, whose
+            outputs are still published; it becomes the process's exit status. None: run on.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Service(ABC):
     reads: tuple[Topic[Any], ...] = ()
     writes: tuple[Topic[Any], ...] = ()
     trigger: Topic[Any] | None = None
+    exit_code: int | None = None
 
     @abstractmethod
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:

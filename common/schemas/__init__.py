@@ -3,7 +3,7 @@
 from common.schemas.base import Header, Message
 from common.schemas.camera import CameraFrame
 from common.schemas.health import LinkHealth, ServiceHealth
-from common.schemas.operator import Gait, GaitRequest, Setpoint
+from common.schemas.operator import Gait, GaitRequest, OperatorStatus, Setpoint
 from common.schemas.plant import (
     Estop,
     GuardMode,
@@ -29,6 +29,7 @@ __all__ = [
     "JointCommand",
     "LinkHealth",
     "Message",
+    "OperatorStatus",
     "PlantAction",
     "PlantRequest",
     "PlantState",

@@ -36,3 +36,14 @@ class GaitRequest(Message):
 
     request_id: int = Field(ge=0, description="chosen by the sender, echoed in every reply")
     gait: Gait
+
+
+class OperatorStatus(Message):
+    """Where a scripted operator is in its script; published at 5 Hz and at every change."""
+
+    script: str = Field(max_length=64, description="name of the script")
+    step: int = Field(ge=0, description="top-level steps done")
+    steps: int = Field(ge=0, description="top-level steps in all")
+    label: str = Field(default="", max_length=200, description="last mark the script made")
+    finished: bool = Field(description="the script has ended, well or not")
+    failed: str = Field(default="", max_length=200, description="why it failed; empty: it did not")
