@@ -37,7 +37,6 @@ class ControllerState(Message):
     setpoint_fresh: bool = Field(description="hand set-points arrive in time; else held")
     solver: str = Field(max_length=32)
     unsolved: int = Field(ge=0, description="ticks whose QP was not solved, so far")
-    tick_ms: float = Field(ge=0.0, description="wall time of this tick's computation [ms]")
 
 
 class GaitOutcome(IntEnum):

@@ -1,0 +1,281 @@
+"""The whole-body controller as a pure object: measured state and wishes in, joint command out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from common.robot import joints
+from common.schemas import GaitRequest, PlantState, Setpoint
+from common.schemas.arrays import Float64Array as Array
+from services.wbc.config import MotorGains, WbcConfig
+from services.wbc.dcm import GRAVITY, natural_frequency
+from services.wbc.hands import HandReference
+from services.wbc.locomotion import BodyReference, Locomotion
+from services.wbc.qp import QpBuilder, QpData
+from services.wbc.robot_model import NV, Dynamics, FrameKinematics, RobotModel, RobotState
+from services.wbc.rotations import matrix_from_quaternion, rotation_vector
+from services.wbc.solvers import Solution, make_solver
+from services.wbc.swing import PoseReference
+from services.wbc.tasks import COM, FEET, HANDS, POSTURE, TORSO, TaskStack
+from services.wbc.tasks import pose_acceleration, posture_gains
+
+MAX_DUMPS = 20
+"""Unsolved QPs written to disk per controller life."""
+TORQUE_DECAY = 0.9
+"""Per tick, of the acceleration of a command that is repeated for want of a new one."""
+
+
+@dataclass(frozen=True)
+class Command:
+    """Joint command of one tick, 27 joints each: [rad], [rad/s], [rad/s²], [N·m]."""
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    torque: Array
+
+
+@dataclass(frozen=True)
+class TickReport:
+    """What a tick measured about itself.
+
+    Attributes:
+        stages: wall time [s] of model, tasks, build, solve.
+        dcm_error: horizontal [m].
+        hand_error: (2, 2) position [m] and rotation [rad] per hand against its last set-point.
+    """
+
+    stages: dict[str, float]
+    dcm_error: float
+    hand_error: Array
+    com: Array
+    solved: bool
+    status: str
+
+
+class Controller:
+    """IHWBC tick (Seo et al. 2023, sec. III-C): tasks, QP, torques.
+
+    Time is robot time [s], taken from the states, so a plant that runs slower than the wall
+    changes nothing.
+    """
+
+    def __init__(self, config: WbcConfig) -> None:
+        self.config = config
+        self.model = RobotModel()
+        self.locomotion = Locomotion(config)
+        self.hands = (HandReference(0, config.hands), HandReference(1, config.hands))
+        self.builder = QpBuilder(config)
+        self.solver = make_solver(config.solver)
+        self.stack = TaskStack()
+        self.hand_weight = config.tasks.hand_weight_walking
+        self.unsolved = 0
+        self.gripper = np.zeros(2)
+        self._posture = posture_gains(config.tasks)
+        self._posture_target = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)][
+            12:
+        ].copy()
+        self._last: tuple[Command, Array] | None = None
+        self._omega = natural_frequency(config.gait.com_height)
+
+    def request(self, request: GaitRequest) -> None:
+        """Pass on a gait request; the answer appears in ``locomotion.answers()``."""
+        self.locomotion.request(request.request_id, request.gait)
+
+    def set_setpoint(self, setpoint: Setpoint, time: float) -> None:
+        """Take a set-point that arrived at robot time ``time`` [s]."""
+        poses = (
+            (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
+            (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
+        )
+        for hand, (position, quaternion) in zip(self.hands, poses, strict=True):
+            hand.set(position, matrix_from_quaternion(quaternion), time)
+        self.gripper = np.clip(setpoint.gripper_closure, 0.0, 1.0)
+        low, high = joints.POSITION_LOWER[joints.NECK][0], joints.POSITION_UPPER[joints.NECK][0]
+        self._posture_target[-1] = min(max(setpoint.neck_pitch, low), high)
+
+    def tick(self, state: PlantState, time: float) -> tuple[Command, TickReport]:
+        """One control tick at robot time ``time`` [s]."""
+        clock = perf_counter()
+        dynamics = self.model.update(RobotState.from_plant(state))
+        after_model = perf_counter()
+        hands = (dynamics.hand_in_body(0), dynamics.hand_in_body(1))
+        for hand, kinematics in zip(self.hands, hands, strict=True):
+            if not hand.started:
+                hand.hold(kinematics.position, kinematics.rotation, time)
+        body = self.locomotion.update(dynamics, time)
+        self._fill_tasks(dynamics, hands, body, time)
+        after_tasks = perf_counter()
+        data = self.builder.build(
+            dynamics, self.stack, body.normal_force_max, self._force_share(body)
+        )
+        after_build = perf_counter()
+        solution = self.solver.solve(data)
+        after_solve = perf_counter()
+        command = self._command(state, dynamics, data, solution)
+        stages = {
+            "model": after_model - clock,
+            "tasks": after_tasks - after_model,
+            "build": after_build - after_tasks,
+            "solve": after_solve - after_build,
+        }
+        return command, self._report(dynamics, hands, body, solution, stages)
+
+    def _fill_tasks(
+        self,
+        dynamics: Dynamics,
+        hands: tuple[FrameKinematics, FrameKinematics],
+        body: BodyReference,
+        time: float,
+    ) -> None:
+        tasks, stack = self.config.tasks, self.stack
+        error, rate = body.com - dynamics.com_position, body.com_velocity - dynamics.com_velocity
+        xy, z = tasks.com_horizontal, tasks.com_vertical
+        desired = (
+            body.com_acceleration
+            + np.array([xy.kp, xy.kp, z.kp]) * error
+            + np.array([xy.kd, xy.kd, z.kd]) * rate
+        )
+        stack.put(COM, dynamics.com_jacobian, desired - dynamics.com_bias, tasks.com_weight)
+        self._torso_task(dynamics, body.torso)
+        self._hand_tasks(hands, time)
+        for side, rows in enumerate(FEET):
+            self._foot_task(rows, dynamics.feet[side], body.swing[side], body.load[side])
+        kp, kd, weight = self._posture
+        stack.target[POSTURE] = (
+            kp * (self._posture_target - dynamics.motor_position[12:])
+            - kd * dynamics.motor_velocity[12:]
+        )
+        stack.weight[POSTURE] = weight
+
+    def _torso_task(self, dynamics: Dynamics, reference: PoseReference) -> None:
+        tasks, rotation = self.config.tasks, dynamics.base_rotation
+        # The base's angular velocity is expressed in the body; its Jdot v in world is then zero.
+        angular = rotation @ dynamics.base_twist[3:]
+        desired = (
+            reference.acceleration[3:]
+            + tasks.torso.kp * rotation_vector(reference.rotation @ rotation.T)
+            + tasks.torso.kd * (reference.velocity[3:] - angular)
+        )
+        self.stack.jacobian[TORSO, 3:6] = rotation
+        self.stack.target[TORSO] = desired
+        self.stack.weight[TORSO] = tasks.torso_weight
+
+    def _hand_tasks(self, hands: tuple[FrameKinematics, FrameKinematics], time: float) -> None:
+        tasks = self.config.tasks
+        balancing = self.locomotion.gait == 0 and self.locomotion.state != 0
+        goal = tasks.hand_weight_balancing if balancing else tasks.hand_weight_walking
+        span = abs(tasks.hand_weight_balancing - tasks.hand_weight_walking)
+        step = span / (tasks.hand_weight_ramp * self.config.rate)
+        self.hand_weight += min(max(goal - self.hand_weight, -step), step)
+        weight = np.repeat([self.hand_weight, tasks.hand_rotation_share * self.hand_weight], 3)
+        for rows, kinematics, hand in zip(HANDS, hands, self.hands, strict=True):
+            desired = pose_acceleration(
+                kinematics, hand.at(time), tasks.hand_position, tasks.hand_rotation
+            )
+            self.stack.put(rows, kinematics.jacobian, desired - kinematics.bias, weight)
+
+    def _foot_task(
+        self, rows: slice, foot: FrameKinematics, swing: PoseReference | None, load: float
+    ) -> None:
+        tasks = self.config.tasks
+        if swing is None:
+            # A standing foot is held by the ground: ask for no acceleration, anchor nothing.
+            desired = np.zeros(6)
+        else:
+            desired = pose_acceleration(foot, swing, tasks.foot, tasks.foot)
+        weight = tasks.foot_weight_swing + load * (
+            tasks.foot_weight_stance - tasks.foot_weight_swing
+        )
+        self.stack.put(rows, foot.jacobian, desired - foot.bias, weight)
+
+    def _force_share(self, body: BodyReference) -> tuple[float, float]:
+        weight = self.model.mass * GRAVITY
+        total = max(1e-6, body.load[0] + body.load[1])
+        return weight * body.load[0] / total, weight * body.load[1] / total
+
+    def _command(
+        self, state: PlantState, dynamics: Dynamics, data: QpData, solution: Solution
+    ) -> Command:
+        if solution.solved:
+            acceleration = solution.x[6:NV]
+            torque = self.builder.torques(dynamics, solution.x)
+        else:
+            self.unsolved += 1
+            self._dump(data, solution)
+            torque, acceleration = self._fallback(dynamics)
+        G = joints.MOTOR_TO_JOINT
+        # Virtual work: a hinge of a knee gets half of what its coordinate carries.
+        share = G / G.sum(axis=0)
+        command = Command(
+            state.joint_position, state.joint_velocity, G @ acceleration, share @ torque
+        )
+        self._last = (command, torque)
+        return command
+
+    def _fallback(self, dynamics: Dynamics) -> tuple[Array, Array]:
+        """Last torques, their accelerations fading; before any solution, gravity's torques."""
+        if self._last is None:
+            return dynamics.bias_force[6:].copy(), np.zeros(NV - 6)
+        command, torque = self._last
+        motors = list(joints.MOTOR_POSITION_INDEX)
+        return torque, TORQUE_DECAY * command.acceleration[motors]
+
+    def _dump(self, data: QpData, solution: Solution) -> None:
+        directory = self.config.qp_dump_dir
+        if not directory or self.unsolved > MAX_DUMPS:
+            return
+        path = Path(directory)
+        path.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(
+            path / f"qp_{self.unsolved:04d}.npz",
+            P=data.P, q=data.q, A=data.A, l=data.l, u=data.u, status=solution.status,
+        )  # fmt: skip
+
+    def _report(
+        self,
+        dynamics: Dynamics,
+        hands: tuple[FrameKinematics, FrameKinematics],
+        body: BodyReference,
+        solution: Solution,
+        stages: dict[str, float],
+    ) -> TickReport:
+        dcm = dynamics.com_position[:2] + dynamics.com_velocity[:2] / self._omega
+        errors = np.zeros((2, 2))
+        for side, (hand, kinematics) in enumerate(zip(self.hands, hands, strict=True)):
+            position, rotation = hand.target
+            errors[side, 0] = np.linalg.norm(position - kinematics.position)
+            errors[side, 1] = np.linalg.norm(rotation_vector(rotation @ kinematics.rotation.T))
+        return TickReport(
+            stages,
+            float(np.linalg.norm(dcm - body.dcm)),
+            errors,
+            dynamics.com_position,
+            solution.solved,
+            solution.status,
+        )
+
+
+def joint_gains(motors: MotorGains) -> tuple[Array, Array]:
+    """Stiffness [N·m/rad] and damping [N·m·s/rad] (27,) that the plant applies around a command.
+
+    A knee's gain is meant for its coordinate, so each of the two hinges gets half.
+    """
+    table = {
+        "hip": motors.hip,
+        "knee": motors.knee,
+        "ankle": motors.ankle,
+        "shoulder": motors.shoulder,
+        "elbow": motors.elbow,
+        "wrist": motors.wrist,
+        "neck": motors.neck,
+    }
+    stiffness, damping = np.zeros(joints.NUM_JOINTS), np.zeros(joints.NUM_JOINTS)
+    for index, joint in enumerate(joints.JOINTS):
+        part = next(name for name in table if name in joint.name)
+        share = 0.5 if part == "knee" else 1.0
+        stiffness[index] = share * table[part].kp
+        damping[index] = share * table[part].kd
+    return stiffness, damping

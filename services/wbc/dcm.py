@@ -1,0 +1,155 @@
+"""Divergent component of motion: from a footstep plan to CoM and DCM references.
+
+Linear inverted pendulum of height z, w = sqrt(g / z): the DCM xi = c + cdot / w obeys
+xidot = w (xi - v) with v the virtual repellent point (VRP). Given v(t) and the end condition
+xi(T) = v(T), xi is integrated backwards (stable), the CoM forwards (stable). The first double
+support cannot start where that backward pass ends, so it is a cubic Hermite from rest at the
+CoM set-point, whose VRP follows as v = xi - xidot / w. (Takenaka et al. 2009; Englsberger 2015.)
+"""
+
+from dataclasses import dataclass
+from math import exp, sqrt
+
+import numpy as np
+from scipy.signal import lfilter
+
+from common.schemas.arrays import Float64Array as Array
+
+GRAVITY = 9.81
+GRID = 0.002
+"""Spacing of the planned references [s]."""
+TAIL = 2.0
+"""Rest appended to a plan so that the CoM has converged to the DCM when it ends [s]."""
+
+
+@dataclass(frozen=True)
+class DcmTiming:
+    """Durations of one gait's phases [s]."""
+
+    initial_transfer: float
+    single_support: float
+    double_support: float
+    final_transfer: float
+    settle: float
+
+
+@dataclass(frozen=True)
+class DcmReference:
+    """References at one instant, horizontal (x, y) in world [m, m/s, m/s²]."""
+
+    dcm: Array
+    vrp: Array
+    com: Array
+    com_velocity: Array
+    com_acceleration: Array
+
+
+@dataclass(frozen=True)
+class DcmPlan:
+    """References on a uniform grid; beyond its end the robot rests at the last point."""
+
+    omega: float
+    dcm: Array
+    vrp: Array
+    com: Array
+
+    @property
+    def duration(self) -> float:
+        """Planned time including the tail [s]."""
+        return (len(self.dcm) - 1) * GRID
+
+    def at(self, time: float) -> DcmReference:
+        """References ``time`` seconds after the start, linear between grid points."""
+        last = len(self.dcm) - 1
+        position = min(max(time / GRID, 0.0), float(last))
+        k = min(int(position), last - 1)
+        share = position - k
+        dcm = (1.0 - share) * self.dcm[k] + share * self.dcm[k + 1]
+        vrp = (1.0 - share) * self.vrp[k] + share * self.vrp[k + 1]
+        com = (1.0 - share) * self.com[k] + share * self.com[k + 1]
+        return DcmReference(
+            dcm, vrp, com, self.omega * (dcm - com), self.omega * self.omega * (com - vrp)
+        )
+
+
+def natural_frequency(com_height: float) -> float:
+    """Return w = sqrt(g / z) [1/s] for a CoM ``com_height`` [m] above the soles."""
+    return sqrt(GRAVITY / com_height)
+
+
+def smoothstep(share: Array) -> Array:
+    """Cubic ramp 0 to 1 with zero slope at both ends, for ``share`` in [0, 1]."""
+    return share * share * (3.0 - 2.0 * share)
+
+
+def plan_dcm(
+    com: Array,
+    dcm: Array,
+    stances: list[Array],
+    end: Array,
+    timing: DcmTiming,
+    omega: float,
+) -> DcmPlan:
+    """Plan one gait.
+
+    Args:
+        com: (2,) CoM reference when the gait starts [m]; not the measured one.
+        dcm: (2,) DCM reference then, at rest [m].
+        stances: the stance foot's VRP (2,) of each step, in order [m].
+        end: (2,) where CoM and DCM come to rest [m].
+        timing: phase durations.
+        omega: :func:`natural_frequency` of the planned height.
+
+    Returns:
+        References from the start of the initial transfer to :data:`TAIL` after the settling time.
+    """
+    vrp, transfer = _vrp_grid(dcm, stances, end, timing)
+    track = _backward_dcm(vrp, omega)
+    track[: transfer + 1] = _initial_transfer(dcm, track, vrp, transfer, omega)
+    slope = np.gradient(track[: transfer + 1], GRID, axis=0)
+    vrp[: transfer + 1] = track[: transfer + 1] - slope / omega
+    decay = exp(-omega * GRID)
+    # c[k+1] = e c[k] + (1 - e) xi[k]; the filter's initial state makes c[0] the given CoM.
+    forward, _ = lfilter([0.0, 1.0 - decay], [1.0, -decay], track, axis=0, zi=com[None, :])
+    return DcmPlan(omega, track, vrp, forward)
+
+
+def _vrp_grid(
+    start: Array, stances: list[Array], end: Array, timing: DcmTiming
+) -> tuple[Array, int]:
+    def samples(duration: float) -> int:
+        return max(1, round(duration / GRID))
+
+    def blend(a: Array, b: Array, duration: float) -> Array:
+        share = smoothstep(np.arange(samples(duration)) / samples(duration))[:, None]
+        result: Array = (1.0 - share) * a + share * b
+        return result
+
+    parts = [blend(start, stances[0], timing.initial_transfer)]
+    for index, stance in enumerate(stances):
+        parts.append(np.tile(stance, (samples(timing.single_support), 1)))
+        last = index == len(stances) - 1
+        target = end if last else stances[index + 1]
+        parts.append(
+            blend(stance, target, timing.final_transfer if last else timing.double_support)
+        )
+    parts.append(np.tile(end, (samples(timing.settle + TAIL) + 1, 1)))
+    return np.concatenate(parts), samples(timing.initial_transfer)
+
+
+def _backward_dcm(vrp: Array, omega: float) -> Array:
+    decay = exp(-omega * GRID)
+    reverse = vrp[::-1]
+    dcm, _ = lfilter([1.0 - decay], [1.0, -decay], reverse, axis=0, zi=decay * reverse[:1])
+    result: Array = dcm[::-1].copy()
+    return result
+
+
+def _initial_transfer(start: Array, dcm: Array, vrp: Array, count: int, omega: float) -> Array:
+    duration = count * GRID
+    end, slope = dcm[count], omega * (dcm[count] - vrp[count])
+    s = (np.arange(count + 1) / count)[:, None]
+    h00 = 1.0 - smoothstep(s)
+    h11 = s * s * (s - 1.0)
+    result: Array = h00 * start + (1.0 - h00) * end + h11 * duration * slope
+    return result

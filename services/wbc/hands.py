@@ -1,0 +1,142 @@
+"""Hand references: clamped set-points joined at controller rate with velocity feed-forward.
+
+Set-points arrive at about 20 Hz. Each becomes a cubic Hermite segment that starts at the present
+reference (position and velocity) and ends one set-point period later where the operator will be
+if the motion goes on: at the set-point plus the velocity read off the last two. A steady motion
+is thus followed without lag; a stop costs one period's overshoot. When set-points cease, the
+reference comes to rest at the last one and holds.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.schemas.arrays import Float64Array as Array
+from services.wbc.config import HandConfig
+from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
+from services.wbc.swing import PoseReference
+
+
+def clamp_norm(vector: Array, limit: float) -> Array:
+    """``vector`` shortened to ``limit`` if it is longer."""
+    norm = float(np.sqrt(vector @ vector))
+    return vector if norm <= limit else vector * (limit / norm)
+
+
+def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
+    """Hand position (3,) in the body frame limited to the reachable box; ``side`` 0 left."""
+    low, high = config.y_range if side == 0 else (-config.y_range[1], -config.y_range[0])
+    lower = np.array([config.x_range[0], low, config.z_range[0]])
+    upper = np.array([config.x_range[1], high, config.z_range[1]])
+    clamped: Array = np.clip(position, lower, upper)
+    return clamped
+
+
+@dataclass(frozen=True)
+class _Segment:
+    """Cubic Hermite in position and, about a base rotation, in rotation vector."""
+
+    start: float
+    duration: float
+    values: Array  # (2, 6) pose offset at both ends: position, rotation vector
+    rates: Array  # (2, 6)
+    base_rotation: Array
+
+    def at(self, time: float) -> tuple[Array, Array, Array]:
+        t = self.duration
+        s = min(max((time - self.start) / t, 0.0), 1.0)
+        a, b = self.values
+        va, vb = self.rates
+        s2, s3 = s * s, s * s * s
+        value = (
+            (2 * s3 - 3 * s2 + 1) * a
+            + (3 * s2 - 2 * s3) * b
+            + (s3 - 2 * s2 + s) * t * va
+            + (s3 - s2) * t * vb
+        )
+        rate = (6 * s2 - 6 * s) / t * (a - b) + (3 * s2 - 4 * s + 1) * va + (3 * s2 - 2 * s) * vb
+        acceleration = ((12 * s - 6) / t * (a - b) + (6 * s - 4) * va + (6 * s - 2) * vb) / t
+        if s >= 1.0:
+            acceleration = np.zeros(6)
+        return value, rate, acceleration
+
+
+class HandReference:
+    """Reference of one hand in the body frame; pure, driven by explicit times [s]."""
+
+    def __init__(self, side: int, config: HandConfig) -> None:
+        self._side = side
+        self._config = config
+        self._segment: _Segment | None = None
+        self._target: tuple[Array, Array] | None = None
+        self._target_time = 0.0
+        self._stopped = True
+
+    @property
+    def started(self) -> bool:
+        """Whether a pose was ever set."""
+        return self._target is not None
+
+    @property
+    def target(self) -> tuple[Array, Array]:
+        """Last set-point after clamping: position (3,), rotation (3, 3), in the body frame."""
+        if self._target is None:
+            raise ValueError("no hand set-point yet; call hold() or set() first")
+        return self._target
+
+    def hold(self, position: Array, rotation: Array, time: float) -> None:
+        """Rest at a pose from ``time`` on, whatever was before; not clamped."""
+        self._target, self._target_time, self._stopped = (position, rotation), time, True
+        value = np.concatenate((position, np.zeros(3)))
+        self._segment = _Segment(time, 1.0, np.array([value, value]), np.zeros((2, 6)), rotation)
+
+    def set(self, position: Array, rotation: Array, time: float) -> None:
+        """Take a new set-point that arrived at ``time``."""
+        config = self._config
+        position = clamp_workspace(position, self._side, config)
+        if config.mode == "raw" or self._segment is None or self._target is None:
+            self.hold(position, rotation, time)
+            return
+        elapsed = max(time - self._target_time, 0.5 * config.setpoint_period)
+        rate = np.zeros(6)
+        if elapsed <= config.stale_after:
+            last_position, last_rotation = self._target
+            rate[:3] = clamp_norm(
+                (position - last_position) / elapsed, config.feedforward_speed_max
+            )
+            turned = rotation_vector(rotation @ last_rotation.T)
+            rate[3:] = clamp_norm(turned / elapsed, config.feedforward_rate_max)
+        self._target, self._target_time, self._stopped = (position, rotation), time, False
+        self._go(position, rotation, rate, time)
+
+    def _go(self, position: Array, rotation: Array, rate: Array, time: float) -> None:
+        now = self.at(time)
+        config = self._config
+        period = config.setpoint_period
+        end = position + rate[:3] * period
+        turn = rotation_vector(rotation @ now.rotation.T) + rate[3:] * period
+        distance = float(np.linalg.norm(end - now.position))
+        angle = float(np.linalg.norm(turn))
+        duration = max(period, distance / config.speed_max, angle / config.turn_rate_max)
+        values = np.array([[*now.position, 0.0, 0.0, 0.0], [*end, *turn]])
+        self._segment = _Segment(
+            time, duration, values, np.array([now.velocity, rate]), now.rotation
+        )
+
+    def at(self, time: float) -> PoseReference:
+        """Reference at ``time``: body-frame pose, velocity and acceleration."""
+        if self._segment is None:
+            raise ValueError("no hand set-point yet; call hold() or set() first")
+        silent = time - self._target_time
+        expired = time > self._segment.start + self._segment.duration + self._config.setpoint_period
+        if not self._stopped and (expired or silent > self._config.stale_after):
+            self._stop(time)
+        value, rate, acceleration = self._segment.at(time)
+        rotation = matrix_from_rotation_vector(value[3:]) @ self._segment.base_rotation
+        return PoseReference(value[:3], rotation, rate, acceleration)
+
+    def _stop(self, time: float) -> None:
+        """Come to rest at the last set-point: nobody says where the operator went."""
+        self._stopped = True
+        position, rotation = self.target
+        self._go(position, rotation, np.zeros(6), time)

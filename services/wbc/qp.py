@@ -1,0 +1,125 @@
+"""The whole-body QP (Seo et al. 2023, eq. 1) as matrices of fixed layout.
+
+Variables x = [qdd (31); f_left (6); f_right (6)]. Rows of A, bounded by l <= A x <= u:
+
+    0..5    floating base: S_f (M qdd + h - J' f) = 0
+    6..30   motor torques: tau_min <= S_a (M qdd + h - J' f) <= tau_max
+    31..47  wrench cone of the left foot, 48..64 of the right: U f >= 0
+    65, 66  normal forces: fz <= fz_max(t)
+    67..91  joint accelerations: qdd_min <= qdd <= qdd_max (25 motors)
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from common.robot import joints
+from common.schemas.arrays import Float64Array as Array
+from services.wbc.config import WbcConfig
+from services.wbc.contacts import CONE_ROWS, FZ, wrench_cone
+from services.wbc.robot_model import NUM_MOTORS, NV, Dynamics
+from services.wbc.tasks import TaskStack
+
+NUM_VARIABLES = NV + 12
+DYNAMICS = slice(0, NV)
+TORQUE = slice(6, NV)
+CONES = slice(NV, NV + 2 * CONE_ROWS)
+NORMAL = slice(NV + 2 * CONE_ROWS, NV + 2 * CONE_ROWS + 2)
+BOUNDS = slice(NORMAL.stop, NORMAL.stop + NUM_MOTORS)
+NUM_CONSTRAINTS = BOUNDS.stop
+INFINITY = 1e20
+FORCES = (slice(NV, NV + 6), slice(NV + 6, NV + 12))
+
+
+@dataclass
+class QpData:
+    """min 1/2 x' P x + q' x subject to l <= A x <= u; arrays are reused from tick to tick."""
+
+    P: Array = field(default_factory=lambda: np.zeros((NUM_VARIABLES, NUM_VARIABLES)))
+    q: Array = field(default_factory=lambda: np.zeros(NUM_VARIABLES))
+    A: Array = field(default_factory=lambda: np.zeros((NUM_CONSTRAINTS, NUM_VARIABLES)))
+    l: Array = field(default_factory=lambda: np.full(NUM_CONSTRAINTS, -INFINITY))  # noqa: E741
+    u: Array = field(default_factory=lambda: np.full(NUM_CONSTRAINTS, INFINITY))
+
+
+class QpBuilder:
+    """Fills :class:`QpData`; everything constant is written once."""
+
+    def __init__(self, config: WbcConfig) -> None:
+        self._config = config
+        limits = config.limits
+        effort = joints.EFFORT_RELAXED if limits.torque_mode == "relaxed" else joints.EFFORT_RATED
+        # A motor coordinate carries the torque of every hinge it turns: twice for a knee.
+        self.torque_limit: Array = joints.MOTOR_TO_JOINT.T @ effort
+        index = np.array(joints.MOTOR_POSITION_INDEX)
+        margin = limits.joint_margin
+        self._lower = joints.POSITION_LOWER[index] + margin
+        self._upper = joints.POSITION_UPPER[index] - margin
+        arms = np.array([joints.JOINTS[i].group.endswith("arm") for i in index])
+        self._arms = arms
+        self.data = QpData()
+        self._write_constants()
+
+    def _write_constants(self) -> None:
+        data, tasks = self.data, self._config.tasks
+        cone = wrench_cone(self._config.contact)
+        for side, columns in enumerate(FORCES):
+            first = CONES.start + side * CONE_ROWS
+            data.A[first : first + CONE_ROWS, columns] = cone
+            data.A[NORMAL.start + side, columns.start + FZ] = 1.0
+        data.l[CONES] = 0.0
+        data.A[BOUNDS, 6:NV] = np.eye(NUM_MOTORS)
+        diagonal = np.arange(NV, NUM_VARIABLES)
+        data.P[diagonal, diagonal] = tasks.force_regulariser + tasks.force_reference_weight
+        self._regulariser = tasks.acceleration_regulariser * np.eye(NV)
+
+    def build(
+        self,
+        dynamics: Dynamics,
+        stack: TaskStack,
+        normal_force_max: tuple[float, float],
+        normal_force_desired: tuple[float, float],
+    ) -> QpData:
+        """Write this tick's matrices.
+
+        Args:
+            dynamics: model terms at the measured state.
+            stack: tasks, already filled.
+            normal_force_max: upper bound of each foot's normal force [N].
+            normal_force_desired: f_r^d of eq. 1, normal components [N].
+        """
+        data = self.data
+        hessian, gradient = stack.quadratic()
+        np.add(hessian, self._regulariser, out=data.P[:NV, :NV])
+        data.q[:NV] = gradient
+        weight = self._config.tasks.force_reference_weight
+        data.A[DYNAMICS, :NV] = dynamics.mass_matrix
+        for side, columns in enumerate(FORCES):
+            data.A[DYNAMICS, columns] = -dynamics.foot_wrench_jacobian(side).T
+            data.q[columns.start + FZ] = -weight * normal_force_desired[side]
+            data.u[NORMAL.start + side] = normal_force_max[side]
+        h = dynamics.bias_force
+        data.l[:6] = data.u[:6] = -h[:6]
+        data.l[TORQUE] = -self.torque_limit - h[6:]
+        data.u[TORQUE] = self.torque_limit - h[6:]
+        data.l[BOUNDS], data.u[BOUNDS] = self._acceleration_bounds(dynamics)
+        return data
+
+    def _acceleration_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
+        """Second-order barrier that keeps arm joints inside their limits, a plain cap elsewhere.
+
+        Arm limits must be known to the QP: a hand task that asks for motion beyond one is
+        otherwise met by throwing the torso.
+        """
+        limits = self._config.limits
+        cap = limits.acceleration_max
+        q, v = dynamics.motor_position, dynamics.motor_velocity
+        damping = limits.joint_damping * v
+        lower = np.clip(limits.joint_stiffness * (self._lower - q) - damping, -cap, cap)
+        upper = np.clip(limits.joint_stiffness * (self._upper - q) - damping, -cap, cap)
+        return np.where(self._arms, lower, -cap), np.where(self._arms, upper, cap)
+
+    def torques(self, dynamics: Dynamics, solution: Array) -> Array:
+        """Motor torques (25,) of a solution: S_a (M qdd + h - J' f) [N·m]."""
+        tau: Array = self.data.A[TORQUE] @ solution + dynamics.bias_force[6:]
+        return tau

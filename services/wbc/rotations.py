@@ -1,0 +1,96 @@
+"""Rotations as numpy arrays: the few operations the controller needs, lean enough for its tick.
+
+Quaternions are (w, x, y, z); rotation vectors are axis times angle [rad].
+"""
+
+from math import acos, cos, sin, sqrt
+
+import numpy as np
+
+from common.schemas.arrays import Float64Array as Array
+
+
+def matrix_from_quaternion(quaternion: Array) -> Array:
+    """Rotation matrix (3, 3) of a quaternion (w, x, y, z), normalised first."""
+    w, x, y, z = (float(c) for c in quaternion)
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return np.array(
+        [
+            [1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)],
+            [s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)],
+            [s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_from_matrix(matrix: Array) -> Array:
+    """Quaternion (w, x, y, z), w >= 0, of a rotation matrix (3, 3)."""
+    vector = rotation_vector(matrix)
+    angle = sqrt(float(vector @ vector))
+    if angle < 1e-12:
+        return np.array([1.0, *(0.5 * vector)])
+    return np.array([cos(0.5 * angle), *(sin(0.5 * angle) / angle * vector)])
+
+
+def rotation_vector(matrix: Array) -> Array:
+    """Logarithm of a rotation matrix: axis times angle in [0, pi] [rad]."""
+    m = matrix
+    skew = np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
+    trace = float(m[0, 0] + m[1, 1] + m[2, 2])
+    cosine = min(1.0, max(-1.0, 0.5 * (trace - 1.0)))
+    if cosine < -0.999999:
+        # Near pi the skew part vanishes; the axis is in the symmetric part.
+        symmetric = 0.5 * (m + np.eye(3))
+        k = int(np.argmax(np.diagonal(symmetric)))
+        axis = symmetric[:, k] / sqrt(float(symmetric[k, k]))
+        sign = 1.0 if float(axis @ skew) >= 0.0 else -1.0
+        return sign * acos(cosine) * axis
+    sine = 0.5 * sqrt(float(skew @ skew))
+    if sine < 1e-9:
+        return 0.5 * skew
+    return acos(cosine) / (2.0 * sine) * skew if cosine < 0.9 else _small_angle(skew, sine)
+
+
+def _small_angle(skew: Array, sine: float) -> Array:
+    # acos loses digits near one; asin does not.
+    return float(np.arcsin(min(1.0, sine))) / (2.0 * sine) * skew
+
+
+def matrix_from_rotation_vector(vector: Array) -> Array:
+    """Exponential map: rotation matrix (3, 3) of axis times angle [rad] (Rodrigues)."""
+    x, y, z = (float(c) for c in vector)
+    angle = sqrt(x * x + y * y + z * z)
+    if angle < 1e-9:
+        return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
+    a = sin(angle) / angle
+    b = (1.0 - cos(angle)) / (angle * angle)
+    return np.array(
+        [
+            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
+        ]
+    )
+
+
+def matrix_from_yaw(yaw: float) -> Array:
+    """Rotation about z by ``yaw`` [rad]."""
+    c, s = cos(yaw), sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def yaw_of(matrix: Array) -> float:
+    """Heading of a rotation matrix: direction of its x axis in the horizontal plane [rad]."""
+    return float(np.arctan2(matrix[1, 0], matrix[0, 0]))
+
+
+def wrap_angle(angle: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return float(np.arctan2(sin(angle), cos(angle)))
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product of two 3-vectors, several times faster than ``numpy.cross``."""
+    a0, a1, a2 = a.tolist()
+    b0, b1, b2 = b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

@@ -1,0 +1,72 @@
+"""Reference of a swing foot: minimum jerk across, two minimum-jerk halves up and down."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.schemas.arrays import Float64Array as Array
+from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
+
+
+@dataclass(frozen=True)
+class PoseReference:
+    """Desired pose and motion of a frame: (3,), (3, 3), then 6-vectors linear, angular in world."""
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+
+
+def minimum_jerk(share: float, duration: float) -> tuple[float, float, float]:
+    """Position, velocity [1/s] and acceleration [1/s²] of the quintic 0 to 1 at ``share``."""
+    s = min(max(share, 0.0), 1.0)
+    position = s**3 * (10.0 + s * (6.0 * s - 15.0))
+    velocity = 30.0 * s * s * (1.0 - s) ** 2 / duration
+    acceleration = 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / duration**2
+    return position, velocity, acceleration
+
+
+@dataclass(frozen=True)
+class SwingTrajectory:
+    """One swing from lift-off to landing.
+
+    Attributes:
+        start, end: (3,) sole positions in world [m].
+        start_rotation, end_rotation: (3, 3).
+        height: clearance above the higher of start and end [m].
+        duration: [s].
+    """
+
+    start: Array
+    start_rotation: Array
+    end: Array
+    end_rotation: Array
+    height: float
+    duration: float
+
+    def at(self, time: float) -> PoseReference:
+        """Reference ``time`` seconds after lift-off; at rest outside [0, duration]."""
+        s, sd, sdd = minimum_jerk(time / self.duration, self.duration)
+        offset = self.end - self.start
+        position = self.start + s * offset
+        linear, linear_acc = sd * offset, sdd * offset
+        position[2], linear[2], linear_acc[2] = self._height_at(time)
+        # The rotation is about a fixed axis, so its rate is the axis angle's rate.
+        turn = rotation_vector(self.end_rotation @ self.start_rotation.T)
+        rotation = matrix_from_rotation_vector(s * turn) @ self.start_rotation
+        return PoseReference(
+            position,
+            rotation,
+            np.concatenate((linear, sd * turn)),
+            np.concatenate((linear_acc, sdd * turn)),
+        )
+
+    def _height_at(self, time: float) -> tuple[float, float, float]:
+        half = 0.5 * self.duration
+        start, end = float(self.start[2]), float(self.end[2])
+        apex = max(start, end) + self.height
+        rising = time < half
+        a, b = (start, apex) if rising else (apex, end)
+        s, sd, sdd = minimum_jerk((time if rising else time - half) / half, half)
+        return a + s * (b - a), sd * (b - a), sdd * (b - a)
