@@ -1,0 +1,69 @@
+"""A block of ports for one system, so that several can run side by side on a machine."""
+
+import contextlib
+import socket
+from collections.abc import Iterator
+
+from common.bus.config import DEFAULT_BASE_PORT, PORT_OFFSETS
+from deploy.errors import DeployError
+
+STRIDE = 16
+"""Distance between the base ports of two systems."""
+BLOCKS = 200
+_MARK = STRIDE - 1
+"""Offset of the port the owner keeps open to mark its block as taken."""
+
+
+@contextlib.contextmanager
+def reserve_base_port(host: str = "127.0.0.1", wanted: int | None = None) -> Iterator[int]:
+    """Yield a base port whose whole block is free; the block stays marked inside the context.
+
+    Args:
+        host: address the services will listen on.
+        wanted: take this one instead of looking for a free one.
+
+    Raises:
+        DeployError: ``wanted`` is taken, or no block is free.
+    """
+    candidates = (
+        [DEFAULT_BASE_PORT + STRIDE * block for block in range(BLOCKS)]
+        if wanted is None
+        else [wanted]
+    )
+    for base in candidates:
+        mark = _bound(host, base + _MARK, shared=False)
+        if mark is None:
+            continue
+        with mark:
+            if all(_free(host, base + offset) for offset in PORT_OFFSETS.values()):
+                yield base
+                return
+    if wanted is None:
+        raise DeployError(
+            f"no {STRIDE} free ports in a row on {host} from {candidates[0]} to "
+            f"{candidates[-1] + _MARK}; stop a running system or pass --base-port"
+        )
+    raise DeployError(
+        f"ports {wanted} to {wanted + _MARK} on {host} are not all free; leave --base-port away to "
+        "have free ones chosen, or stop what uses them"
+    )
+
+
+def _bound(host: str, port: int, *, shared: bool) -> socket.socket | None:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    if shared:  # as the services do: ports of connections merely winding down count as free
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        sock.bind((host, port))
+    except OSError:
+        sock.close()
+        return None
+    return sock
+
+
+def _free(host: str, port: int) -> bool:
+    sock = _bound(host, port, shared=True)
+    if sock is None:
+        return False
+    sock.close()
+    return True

@@ -1,0 +1,114 @@
+"""What ``summary.json`` says about a run; computed by :mod:`deploy.summary`."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from deploy.scoring import GaitRun
+
+Outcome = Literal["completed", "fell", "service died", "timed out", "interrupted"]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Spread(_Part):
+    """A sampled quantity; the unit stands in the name of the field that holds it."""
+
+    samples: int = 0
+    median: float = 0.0
+    p99: float = 0.0
+    maximum: float = 0.0
+
+
+class GaitTally(_Part):
+    """Counts of one gait type over the run."""
+
+    requested: int = 0
+    accepted: int = 0
+    completed: int = 0
+    refused: int = Field(default=0, description="refusals, a request may collect several")
+    aborted: int = 0
+
+
+class Walk(_Part):
+    """Ground-truth motion of the whole run against the sum of the completed gaits' commands."""
+
+    path_length: float = Field(default=0.0, description="[m], from legs of 2 cm or more")
+    forward: float = Field(default=0.0, description="end against start, in the start heading [m]")
+    left: float = 0.0
+    turn_deg: float = 0.0
+    commanded_forward: float = 0.0
+    commanded_left: float = 0.0
+    commanded_turn_deg: float = 0.0
+    end_error: float = Field(default=0.0, description="distance from the commanded end [m]")
+
+
+class ServiceTiming(_Part):
+    """A service's loop over the run, from its own health messages."""
+
+    period_ms: float
+    steps: int
+    deadline_misses: int
+    step_median_ms: float = Field(description="median over the windows it reported")
+    step_p99_ms: float = Field(description="worst window's 99th percentile")
+    cpu: float = Field(description="mean share of one core")
+    realtime: str
+    input_gaps: int = Field(description="messages its inputs missed by sequence number")
+    input_refused: int = Field(description="undecodable or invalid messages on its inputs")
+
+
+class TopicTally(_Part):
+    """One topic as recorded."""
+
+    messages: int
+    rate: float = Field(description="[Hz], between its first and last message as sent")
+    nominal_rate: float
+    gaps: int = Field(description="missing in the log by sequence number")
+    dropped: int = Field(default=0, description="arrived at the logger but not written")
+
+
+class PlantTally(_Part):
+    """The plant's own account."""
+
+    falls: int = 0
+    resets: int = 0
+    holds: int = 0
+    commands_applied: int = 0
+    commands_refused: int = 0
+    late_steps: int = 0
+    saturated_fraction: float = Field(default=0.0, description="mean over the status messages")
+    real_time_factor: float = Field(
+        default=0.0, description="robot time / sender's time, whole run"
+    )
+    real_time_factor_worst: float = Field(default=0.0, description="worst second")
+    age_at_torque_median_ms: float = Field(default=0.0, description="median over seconds")
+    age_at_torque_p99_ms: float = Field(default=0.0, description="median over seconds")
+    age_at_torque_p99_worst_ms: float = Field(default=0.0, description="worst second")
+
+
+class Tracking(_Part):
+    """The controller's own errors, while it balanced or walked."""
+
+    hand_position_mm: Spread = Spread()
+    hand_rotation_deg: Spread = Spread()
+    dcm_mm: Spread = Spread()
+    solver: str = ""
+    unsolved: int = 0
+
+
+class RunSummary(_Part):
+    """Everything worth knowing about one run, as written to ``summary.json``."""
+
+    outcome: Outcome
+    reason: str = ""
+    duration: float = Field(description="robot time covered by the log [s]")
+    gaits: dict[str, GaitTally]
+    gait_runs: list[GaitRun]
+    walk: Walk
+    plant: PlantTally
+    tracking: Tracking
+    services: dict[str, ServiceTiming]
+    topics: dict[str, TopicTally]
+    environment: dict[str, str]
