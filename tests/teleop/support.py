@@ -1,0 +1,189 @@
+"""Fakes: inputs under the test's control, and a controller that walks by the clock."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from common.runtime.service import Inputs, Output, Service
+from common.schemas import (
+    ControllerState,
+    ControlState,
+    Gait,
+    GaitOutcome,
+    GaitReply,
+    GaitRequest,
+    GuardMode,
+    Header,
+    Message,
+    PlantStatus,
+)
+from common.topics import PLANT_STATUS, TELEOP_GAIT, WBC_REPLY, WBC_STATE, Topic
+
+TICK_NS = 50_000_000
+
+
+class FakeInputs(Inputs):
+    """Inputs whose messages and ages the test sets."""
+
+    def __init__(self) -> None:
+        self.messages: dict[str, Message] = {}
+        self.ages: dict[str, float] = {}
+        self.queues: dict[str, list[Message]] = {}
+
+    def put(self, topic: Topic[Any], message: Message, age: float = 0.0) -> None:
+        self.messages[topic.name] = message
+        self.ages[topic.name] = age
+
+    def latest(self, topic: Topic[Any]) -> Any:
+        return self.messages.get(topic.name)
+
+    def updated(self, topic: Topic[Any]) -> bool:
+        return topic.name in self.messages
+
+    def fresh(self, topic: Topic[Any]) -> bool:
+        return self.age(topic) <= topic.max_age
+
+    def age(self, topic: Topic[Any]) -> float:
+        return self.ages.get(topic.name, float("inf"))
+
+    def events(self, topic: Topic[Any]) -> list[Any]:
+        return self.queues.pop(topic.name, [])
+
+
+def controller_state(
+    state: ControlState = ControlState.BALANCE, gait: Gait = Gait.NONE, completed: int = 0
+) -> ControllerState:
+    return ControllerState(
+        header=Header(stamp=123),
+        state=state,
+        gait=gait,
+        gait_progress=0.0,
+        gaits_completed=completed,
+        dcm_error=0.0,
+        com_in_world=np.zeros(3),
+        hand_position_error=np.zeros(2),
+        hand_rotation_error=np.zeros(2),
+        hand_weight=20.0,
+        setpoint_fresh=True,
+        solver="daqp",
+        unsolved=0,
+    )
+
+
+def plant_status(**changes: Any) -> PlantStatus:
+    values: dict[str, Any] = {
+        "guard": GuardMode.ACTIVE,
+        "paused": False,
+        "fallen": False,
+        "real_time_factor": 1.0,
+        "age_at_torque_median": 0.004,
+        "age_at_torque_p99": 0.009,
+        "commands_applied": 1,
+        "commands_refused": 0,
+        "holds": 0,
+        "saturated_fraction": 0.0,
+        "late_steps": 0,
+    }
+    return PlantStatus(**(values | changes))
+
+
+Answer = Callable[[GaitRequest, int], Sequence[GaitOutcome]]
+
+
+def accept(_request: GaitRequest, _number: int) -> Sequence[GaitOutcome]:
+    return [GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED]
+
+
+@dataclass
+class FakeController:
+    """Answers each gait request as ``answer(request, how many came before)`` says.
+
+    The first outcome is sent at once, the second ``gait_seconds`` later; meanwhile it walks.
+    With ``mute`` nothing is sent, but an accepted gait still shows in its state.
+    """
+
+    answer: Answer = accept
+    gait_seconds: float = 1.0
+    mute: bool = False
+    state: ControlState = ControlState.BALANCE
+    gait: Gait = Gait.NONE
+    completed: int = 0
+    requests: list[GaitRequest] = field(default_factory=list)
+    _walking: GaitRequest | None = None
+    _ends_ns: int = 0
+    _last: GaitOutcome | None = None
+
+    def publish(self, inputs: FakeInputs, now_ns: int) -> None:
+        replies: list[Message] = []
+        if self._walking is not None and now_ns >= self._ends_ns:
+            if self._last is not None:
+                replies.append(self._reply(self._walking, self._last))
+            self.completed += self._last is GaitOutcome.COMPLETED
+            self.state, self.gait, self._walking = ControlState.BALANCE, Gait.NONE, None
+        inputs.put(WBC_STATE, controller_state(self.state, self.gait, self.completed))
+        self._queue(inputs, replies)
+
+    def receive(self, inputs: FakeInputs, outputs: Sequence[Output], now_ns: int) -> None:
+        replies: list[Message] = []
+        for output in outputs:
+            if output.topic is TELEOP_GAIT:
+                request = output.message
+                assert isinstance(request, GaitRequest)
+                outcomes = self.answer(request, len(self.requests))
+                self.requests.append(request)
+                if not outcomes:
+                    continue
+                replies.append(self._reply(request, outcomes[0]))
+                if outcomes[0] is GaitOutcome.ACCEPTED:
+                    self.state, self.gait = ControlState.LF_SWING, request.gait
+                    self._walking, self._ends_ns = request, now_ns + int(self.gait_seconds * 1e9)
+                    self._last = outcomes[1] if len(outcomes) > 1 else None
+        self._queue(inputs, replies)
+
+    def _queue(self, inputs: FakeInputs, replies: list[Message]) -> None:
+        if not self.mute:
+            inputs.queues.setdefault(WBC_REPLY.name, []).extend(replies)
+
+    @staticmethod
+    def _reply(request: GaitRequest, outcome: GaitOutcome) -> GaitReply:
+        return GaitReply(
+            request_id=request.request_id, gait=request.gait, outcome=outcome, reason="because"
+        )
+
+
+@dataclass
+class Bench:
+    """Steps a service at 20 Hz against a fake controller and keeps what it published."""
+
+    service: Service
+    controller: FakeController = field(default_factory=FakeController)
+    inputs: FakeInputs = field(default_factory=FakeInputs)
+    now_ns: int = 7_000_000_000
+    sent: list[tuple[int, Output]] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.inputs.put(PLANT_STATUS, plant_status())
+
+    def tick(self, dt_ns: int = TICK_NS) -> Sequence[Output]:
+        self.now_ns += dt_ns
+        self.controller.publish(self.inputs, self.now_ns)
+        outputs = self.service.step(self.inputs, self.now_ns)
+        self.controller.receive(self.inputs, outputs, self.now_ns)
+        self.sent += [(self.now_ns, output) for output in outputs]
+        return outputs
+
+    def run(self, seconds: float) -> "Bench":
+        """Step until the service ends itself, or for ``seconds`` at most."""
+        for _ in range(round(seconds * 1e9 / TICK_NS)):
+            if self.service.exit_code is not None:
+                break
+            self.tick()
+        return self
+
+    def messages(self, topic: Topic[Any]) -> list[Any]:
+        return [output.message for _, output in self.sent if output.topic is topic]
+
+    def times(self, topic: Topic[Any]) -> list[int]:
+        return [time for time, output in self.sent if output.topic is topic]
