@@ -15,8 +15,7 @@ one gait at a time on request. Stale set-points: the hands hold."""
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("control")
     group.add_argument(
-        "--mode-torque",
-        dest="torque_mode",
+        "--torque-mode",
         choices=["relaxed", "rated"],
         default="relaxed",
         help="torque limits the QP assumes; rated also stands taller and walks slower",

@@ -1,6 +1,7 @@
 """The whole-body controller as a pure object: measured state and wishes in, joint command out."""
 
 from dataclasses import dataclass
+from math import hypot, sqrt
 from pathlib import Path
 from time import perf_counter
 
@@ -18,9 +19,20 @@ from services.wbc.robot_model import NV, Dynamics, FrameKinematics, RobotModel, 
 from services.wbc.rotations import matrix_from_quaternion, rotation_vector
 from services.wbc.solvers import Solution, make_solver
 from services.wbc.swing import PoseReference
-from services.wbc.tasks import COM, FEET, HANDS, POSTURE, TORSO, TaskStack
-from services.wbc.tasks import pose_acceleration, posture_gains
+from services.wbc.tasks import (
+    COM,
+    FEET,
+    HANDS,
+    POSTURE,
+    TORSO,
+    TaskStack,
+    pose_acceleration,
+    pose_gains,
+    posture_gains,
+)
 
+TORQUE_SHARE = joints.MOTOR_TO_JOINT / joints.MOTOR_TO_JOINT.sum(axis=0)
+"""(27, 25): by virtual work each hinge of a knee gets half of what its coordinate carries."""
 MAX_DUMPS = 20
 """Unsolved QPs written to disk per controller life."""
 TORQUE_DECAY = 0.9
@@ -73,7 +85,12 @@ class Controller:
         self.hand_weight = config.tasks.hand_weight_walking
         self.unsolved = 0
         self.gripper = np.zeros(2)
-        self._posture = posture_gains(config.tasks)
+        tasks = config.tasks
+        self._posture = posture_gains(tasks)
+        self._hand_gains = pose_gains(tasks.hand_position, tasks.hand_rotation)
+        self._foot_gains = pose_gains(tasks.foot, tasks.foot)
+        xy, z = tasks.com_horizontal, tasks.com_vertical
+        self._com_gains = np.array([xy.kp, xy.kp, z.kp]), np.array([xy.kd, xy.kd, z.kd])
         self._posture_target = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)][
             12:
         ].copy()
@@ -101,7 +118,7 @@ class Controller:
         clock = perf_counter()
         dynamics = self.model.update(RobotState.from_plant(state))
         after_model = perf_counter()
-        hands = (dynamics.hand_in_body(0), dynamics.hand_in_body(1))
+        hands = dynamics.hands
         for hand, kinematics in zip(self.hands, hands, strict=True):
             if not hand.started:
                 hand.hold(kinematics.position, kinematics.rotation, time)
@@ -132,12 +149,8 @@ class Controller:
     ) -> None:
         tasks, stack = self.config.tasks, self.stack
         error, rate = body.com - dynamics.com_position, body.com_velocity - dynamics.com_velocity
-        xy, z = tasks.com_horizontal, tasks.com_vertical
-        desired = (
-            body.com_acceleration
-            + np.array([xy.kp, xy.kp, z.kp]) * error
-            + np.array([xy.kd, xy.kd, z.kd]) * rate
-        )
+        com_kp, com_kd = self._com_gains
+        desired = body.com_acceleration + com_kp * error + com_kd * rate
         stack.put(COM, dynamics.com_jacobian, desired - dynamics.com_bias, tasks.com_weight)
         self._torso_task(dynamics, body.torso)
         self._hand_tasks(hands, time)
@@ -172,9 +185,7 @@ class Controller:
         self.hand_weight += min(max(goal - self.hand_weight, -step), step)
         weight = np.repeat([self.hand_weight, tasks.hand_rotation_share * self.hand_weight], 3)
         for rows, kinematics, hand in zip(HANDS, hands, self.hands, strict=True):
-            desired = pose_acceleration(
-                kinematics, hand.at(time), tasks.hand_position, tasks.hand_rotation
-            )
+            desired = pose_acceleration(kinematics, hand.at(time), *self._hand_gains)
             self.stack.put(rows, kinematics.jacobian, desired - kinematics.bias, weight)
 
     def _foot_task(
@@ -185,7 +196,7 @@ class Controller:
             # A standing foot is held by the ground: ask for no acceleration, anchor nothing.
             desired = np.zeros(6)
         else:
-            desired = pose_acceleration(foot, swing, tasks.foot, tasks.foot)
+            desired = pose_acceleration(foot, swing, *self._foot_gains)
         weight = tasks.foot_weight_swing + load * (
             tasks.foot_weight_stance - tasks.foot_weight_swing
         )
@@ -207,10 +218,8 @@ class Controller:
             self._dump(data, solution)
             torque, acceleration = self._fallback(dynamics)
         G = joints.MOTOR_TO_JOINT
-        # Virtual work: a hinge of a knee gets half of what its coordinate carries.
-        share = G / G.sum(axis=0)
         command = Command(
-            state.joint_position, state.joint_velocity, G @ acceleration, share @ torque
+            state.joint_position, state.joint_velocity, G @ acceleration, TORQUE_SHARE @ torque
         )
         self._last = (command, torque)
         return command
@@ -246,11 +255,12 @@ class Controller:
         errors = np.zeros((2, 2))
         for side, (hand, kinematics) in enumerate(zip(self.hands, hands, strict=True)):
             position, rotation = hand.target
-            errors[side, 0] = np.linalg.norm(position - kinematics.position)
-            errors[side, 1] = np.linalg.norm(rotation_vector(rotation @ kinematics.rotation.T))
+            offset = position - kinematics.position
+            turn = rotation_vector(rotation @ kinematics.rotation.T)
+            errors[side] = sqrt(offset @ offset), sqrt(turn @ turn)
         return TickReport(
             stages,
-            float(np.linalg.norm(dcm - body.dcm)),
+            hypot(*(dcm - body.dcm)),
             errors,
             dynamics.com_position,
             solution.solved,

@@ -7,8 +7,6 @@ is thus followed without lag; a stop costs one period's overshoot. When set-poin
 reference comes to rest at the last one and holds.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from common.schemas.arrays import Float64Array as Array
@@ -32,33 +30,34 @@ def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
     return clamped
 
 
-@dataclass(frozen=True)
 class _Segment:
-    """Cubic Hermite in position and, about a base rotation, in rotation vector."""
+    """Cubic in position and, about a base rotation, in rotation vector; at rest or not at its ends.
 
-    start: float
-    duration: float
-    values: Array  # (2, 6) pose offset at both ends: position, rotation vector
-    rates: Array  # (2, 6)
-    base_rotation: Array
+    Args:
+        start: time it begins [s].
+        duration: [s].
+        values: (2, 6) pose offset at both ends: position, rotation vector.
+        rates: (2, 6) its time derivative there.
+        base_rotation: (3, 3) rotation the rotation vector is applied to.
+    """
+
+    def __init__(
+        self, start: float, duration: float, values: Array, rates: Array, base_rotation: Array
+    ) -> None:
+        self.start, self.duration, self.base_rotation = start, duration, base_rotation
+        (a, b), (va, vb) = values, rates * duration
+        # Hermite basis gathered into powers of the normalised time.
+        self._c = (a, va, 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb)
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        t = self.duration
-        s = min(max((time - self.start) / t, 0.0), 1.0)
-        a, b = self.values
-        va, vb = self.rates
-        s2, s3 = s * s, s * s * s
-        value = (
-            (2 * s3 - 3 * s2 + 1) * a
-            + (3 * s2 - 2 * s3) * b
-            + (s3 - 2 * s2 + s) * t * va
-            + (s3 - s2) * t * vb
-        )
-        rate = (6 * s2 - 6 * s) / t * (a - b) + (3 * s2 - 4 * s + 1) * va + (3 * s2 - 2 * s) * vb
-        acceleration = ((12 * s - 6) / t * (a - b) + (6 * s - 4) * va + (6 * s - 2) * vb) / t
+        """Value, rate and acceleration (6,); constant rate zero acceleration past the end."""
+        s = min(max((time - self.start) / self.duration, 0.0), 1.0)
+        c0, c1, c2, c3 = self._c
+        value = c0 + s * (c1 + s * (c2 + s * c3))
+        rate = (c1 + s * (2.0 * c2 + 3.0 * s * c3)) / self.duration
         if s >= 1.0:
-            acceleration = np.zeros(6)
-        return value, rate, acceleration
+            return value, rate, np.zeros(6)
+        return value, rate, (2.0 * c2 + 6.0 * s * c3) / self.duration**2
 
 
 class HandReference:

@@ -1,6 +1,7 @@
 """The locomotion state machine: stand up, balance, and one gait at a time on request."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,8 +20,7 @@ UNLOADED = 1e-3
 SWINGS = (ControlState.LF_SWING, ControlState.RF_SWING)
 
 
-@dataclass(frozen=True)
-class BodyReference:
+class BodyReference(NamedTuple):
     """What locomotion asks of the body at one instant, in world.
 
     Attributes:
@@ -230,8 +230,9 @@ class Locomotion:
 
     def _last_height(self, swing: tuple[PoseReference | None, PoseReference | None]) -> float:
         """CoM height above the soles that stand; low-passed, for the ground may step."""
-        standing = [e.position[2] for e, s in zip(self._feet, swing, strict=True) if s is None]
-        goal = float(np.mean(standing)) + self._config.gait.com_height
+        left, right = (float(foot.position[2]) for foot in self._feet)
+        standing = [z for z, s in zip((left, right), swing, strict=True) if s is None]
+        goal = sum(standing) / len(standing) + self._config.gait.com_height
         if self._last is None:
             return goal
         last = float(self._last.com[2])

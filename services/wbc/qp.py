@@ -27,6 +27,9 @@ CONES = slice(NV, NV + 2 * CONE_ROWS)
 NORMAL = slice(NV + 2 * CONE_ROWS, NV + 2 * CONE_ROWS + 2)
 BOUNDS = slice(NORMAL.stop, NORMAL.stop + NUM_MOTORS)
 NUM_CONSTRAINTS = BOUNDS.stop
+ARMS = slice(12, 24)
+"""Motors of both arms; :data:`ARM_BOUNDS` are their acceleration rows."""
+ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
 INFINITY = 1e20
 FORCES = (slice(NV, NV + 6), slice(NV + 6, NV + 12))
 
@@ -51,12 +54,9 @@ class QpBuilder:
         effort = joints.EFFORT_RELAXED if limits.torque_mode == "relaxed" else joints.EFFORT_RATED
         # A motor coordinate carries the torque of every hinge it turns: twice for a knee.
         self.torque_limit: Array = joints.MOTOR_TO_JOINT.T @ effort
-        index = np.array(joints.MOTOR_POSITION_INDEX)
-        margin = limits.joint_margin
-        self._lower = joints.POSITION_LOWER[index] + margin
-        self._upper = joints.POSITION_UPPER[index] - margin
-        arms = np.array([joints.JOINTS[i].group.endswith("arm") for i in index])
-        self._arms = arms
+        index = np.array(joints.MOTOR_POSITION_INDEX)[ARMS]
+        self._lower = joints.POSITION_LOWER[index] + limits.joint_margin
+        self._upper = joints.POSITION_UPPER[index] - limits.joint_margin
         self.data = QpData()
         self._write_constants()
 
@@ -69,6 +69,8 @@ class QpBuilder:
             data.A[NORMAL.start + side, columns.start + FZ] = 1.0
         data.l[CONES] = 0.0
         data.A[BOUNDS, 6:NV] = np.eye(NUM_MOTORS)
+        data.l[BOUNDS] = -self._config.limits.acceleration_max
+        data.u[BOUNDS] = self._config.limits.acceleration_max
         diagonal = np.arange(NV, NUM_VARIABLES)
         data.P[diagonal, diagonal] = tasks.force_regulariser + tasks.force_reference_weight
         self._regulariser = tasks.acceleration_regulariser * np.eye(NV)
@@ -102,22 +104,22 @@ class QpBuilder:
         data.l[:6] = data.u[:6] = -h[:6]
         data.l[TORQUE] = -self.torque_limit - h[6:]
         data.u[TORQUE] = self.torque_limit - h[6:]
-        data.l[BOUNDS], data.u[BOUNDS] = self._acceleration_bounds(dynamics)
+        data.l[ARM_BOUNDS], data.u[ARM_BOUNDS] = self._arm_bounds(dynamics)
         return data
 
-    def _acceleration_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Second-order barrier that keeps arm joints inside their limits, a plain cap elsewhere.
+    def _arm_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
+        """Second-order barrier (12,) that keeps the arm joints inside their limits.
 
-        Arm limits must be known to the QP: a hand task that asks for motion beyond one is
-        otherwise met by throwing the torso.
+        The QP must know them: a hand task that asks for motion beyond a limit is otherwise met
+        by throwing the torso.
         """
         limits = self._config.limits
         cap = limits.acceleration_max
-        q, v = dynamics.motor_position, dynamics.motor_velocity
-        damping = limits.joint_damping * v
-        lower = np.clip(limits.joint_stiffness * (self._lower - q) - damping, -cap, cap)
-        upper = np.clip(limits.joint_stiffness * (self._upper - q) - damping, -cap, cap)
-        return np.where(self._arms, lower, -cap), np.where(self._arms, upper, cap)
+        q = dynamics.motor_position[ARMS]
+        damping = limits.joint_damping * dynamics.motor_velocity[ARMS]
+        lower = limits.joint_stiffness * (self._lower - q) - damping
+        upper = limits.joint_stiffness * (self._upper - q) - damping
+        return np.minimum(np.maximum(lower, -cap), cap), np.minimum(np.maximum(upper, -cap), cap)
 
     def torques(self, dynamics: Dynamics, solution: Array) -> Array:
         """Motor torques (25,) of a solution: S_a (M qdd + h - J' f) [N·m]."""

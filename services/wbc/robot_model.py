@@ -8,7 +8,7 @@ Order of the reduced velocity: base linear and angular velocity in ``torso_link`
 25 motors in :data:`common.robot.MOTORS` order.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -17,24 +17,22 @@ from common.robot import frames, joints
 from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
-from services.wbc.rotations import cross, matrix_from_quaternion
+from services.wbc.rotations import matrix_from_quaternion
 
 NUM_MOTORS = joints.NUM_MOTORS
 NV = 6 + NUM_MOTORS
 """Size of the reduced velocity."""
 SIDES = ("left", "right")
 LWA = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-LOCAL = pin.ReferenceFrame.LOCAL
 
 
-@dataclass(frozen=True)
-class FrameKinematics:
-    """Pose and motion of one frame.
+class FrameKinematics(NamedTuple):
+    """Pose and motion of one frame, in world (feet) or in torso_link (hands).
 
     Attributes:
-        position: (3,) origin in world [m].
-        rotation: (3, 3) frame to world.
-        velocity: (6,) linear then angular, world axes at the frame's origin [m/s, rad/s].
+        position: (3,) origin [m].
+        rotation: (3, 3) frame to world or body.
+        velocity: (6,) linear then angular, at the frame's origin [m/s, rad/s].
         jacobian: (6, 31) of ``velocity``.
         bias: (6,) acceleration at zero reduced acceleration (Jdot v) [m/s², rad/s²].
     """
@@ -46,8 +44,7 @@ class FrameKinematics:
     bias: Array
 
 
-@dataclass(frozen=True)
-class RobotState:
+class RobotState(NamedTuple):
     """The part of a measured state the model needs, in pinocchio's convention.
 
     Attributes:
@@ -62,7 +59,7 @@ class RobotState:
     def from_plant(cls, state: PlantState) -> "RobotState":
         """Convert a bus message: base velocity from world to body, quaternion to scalar last."""
         rotation = matrix_from_quaternion(state.base_quaternion)
-        w, x, y, z = state.base_quaternion / np.linalg.norm(state.base_quaternion)
+        w, x, y, z = state.base_quaternion / np.sqrt(state.base_quaternion @ state.base_quaternion)
         return cls(
             np.concatenate((state.base_position, (x, y, z, w), state.joint_position)),
             np.concatenate(
@@ -96,6 +93,8 @@ class RobotModel:
                 "restore the order of common/robot/draco3.xml or of JOINTS"
             )
         self.data = self.model.createData()
+        # The same tree with its torso at rest at the origin: motion relative to the body.
+        self._body_data = self.model.createData()
         self.mass = float(pin.computeTotalMass(self.model))
         self._feet = [self._frame_id(frames.FOOT_FRAMES[side]) for side in SIDES]
         self._hands = [self._frame_id(frames.HAND_FRAMES[side]) for side in SIDES]
@@ -103,6 +102,9 @@ class RobotModel:
             (6 + jp, 6 + joints.MOTOR_POSITION_INDEX.index(jd)) for jp, jd in joints.KNEE_INDICES
         ]
         self._keep = np.array([*range(6), *(6 + i for i in joints.MOTOR_POSITION_INDEX)])
+        self._lower = np.tril_indices(self.model.nv, -1)
+        self._no_acceleration = np.zeros(self.model.nv)
+        self._jacobians = np.empty((27, self.model.nv))
         self.motor_positions = np.array(joints.MOTOR_POSITION_INDEX)
 
     def _frame_id(self, name: str) -> int:
@@ -113,7 +115,7 @@ class RobotModel:
 
     def reduce_columns(self, matrix: Array) -> Array:
         """Map (n, 33) to (n, 31): ``matrix @ G``."""
-        reduced: Array = matrix[:, self._keep]
+        reduced: Array = matrix.take(self._keep, axis=1)
         for source, target in self._knee_columns:
             reduced[:, target] += matrix[:, source]
         return reduced
@@ -121,59 +123,84 @@ class RobotModel:
     def update(self, state: RobotState) -> "Dynamics":
         """Compute everything the tasks and the QP need at ``state``."""
         model, data = self.model, self.data
-        q, v = state.position, state.velocity
-        # computeAllTerms leaves nle, M, J, com and acom bias in one pass over the tree.
+        q, v = state
+        # One pass leaves M (upper triangle), h, all Jacobians and the CoM's.
         pin.computeAllTerms(model, data, q, v)
-        mass = np.triu(data.M)
-        mass = mass + np.triu(mass, 1).T
-        mass_reduced = self.reduce_columns(self.reduce_columns(mass).T)
+        mass = data.M
+        mass[self._lower] = mass.T[self._lower]
+        mass = self.reduce_columns(self.reduce_columns(mass).T)
         bias = self.reduce_columns(data.nle[None, :])[0]
-        com_jacobian = self.reduce_columns(pin.jacobianCenterOfMass(model, data, q))
-        pin.forwardKinematics(model, data, q, v, np.zeros(model.nv))
-        pin.updateFramePlacements(model, data)
-        pin.centerOfMass(model, data, pin.KinematicLevel.ACCELERATION)
+        # Accelerations at zero joint acceleration are the Jdot v of every frame and of the CoM.
+        pin.centerOfMass(model, data, q, v, self._no_acceleration)
+        feet = [self._frame(data, index) for index in self._feet]
+        body = self._body_data
+        q_body, v_body = q.copy(), v.copy()
+        q_body[:7] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        v_body[:6] = 0.0
+        pin.computeJointJacobians(model, body, q_body)
+        pin.forwardKinematics(model, body, q_body, v_body, self._no_acceleration)
+        hands = [self._frame(body, index) for index in self._hands]
+        stack = self._jacobians
+        stack[:3] = data.Jcom
+        for row, (_, _, _, jacobian, _) in zip((3, 9, 15, 21), feet + hands, strict=True):
+            stack[row : row + 6] = jacobian
+        # Relative to the torso, a hand moves by its arm alone.
+        stack[15:, :6] = 0.0
+        reduced = self.reduce_columns(stack)
         return Dynamics(
-            base_position=q[:3].copy(),
-            base_rotation=data.oMi[1].rotation.copy(),
-            base_twist=v[:6].copy(),
-            motor_position=q[7:][self.motor_positions],
-            motor_velocity=v[6:][self.motor_positions],
-            mass_matrix=mass_reduced,
+            base_position=q[:3],
+            base_rotation=data.oMi[1].rotation,
+            base_twist=v[:6],
+            motor_position=q[7:].take(self.motor_positions),
+            motor_velocity=v[6:].take(self.motor_positions),
+            mass_matrix=mass,
             bias_force=bias,
             com_position=data.com[0].copy(),
             com_velocity=data.vcom[0].copy(),
-            com_jacobian=com_jacobian,
+            com_jacobian=reduced[:3],
             com_bias=data.acom[0].copy(),
-            feet=(self._kinematics(self._feet[0]), self._kinematics(self._feet[1])),
-            hands=(self._kinematics(self._hands[0]), self._kinematics(self._hands[1])),
+            feet=(
+                feet[0]._replace(jacobian=reduced[3:9]),
+                feet[1]._replace(jacobian=reduced[9:15]),
+            ),
+            hands=(
+                hands[0]._replace(jacobian=reduced[15:21]),
+                hands[1]._replace(jacobian=reduced[21:27]),
+            ),
         )
 
-    def _kinematics(self, frame: int) -> FrameKinematics:
-        model, data = self.model, self.data
-        placement = data.oMf[frame]
+    def _frame(self, data: pin.Data, index: int) -> FrameKinematics:
+        """Kinematics of a frame with its Jacobian still in 33 columns."""
+        model = self.model
+        placement = pin.updateFramePlacement(model, data, index)
         return FrameKinematics(
             position=placement.translation.copy(),
             rotation=placement.rotation.copy(),
-            velocity=pin.getFrameVelocity(model, data, frame, LWA).vector.copy(),
-            jacobian=self.reduce_columns(pin.getFrameJacobian(model, data, frame, LWA)),
-            bias=pin.getFrameClassicalAcceleration(model, data, frame, LWA).vector.copy(),
+            velocity=pin.getFrameVelocity(model, data, index, LWA).vector,
+            jacobian=pin.getFrameJacobian(model, data, index, LWA),
+            bias=pin.getFrameClassicalAcceleration(model, data, index, LWA).vector,
         )
 
 
-@dataclass(frozen=True)
-class Dynamics:
+class Dynamics(NamedTuple):
     """Terms of M_r qdd + h_r = S' tau + sum J_f' f at one state, in reduced coordinates.
 
     Attributes:
         base_position: (3,) torso_link origin in world [m].
         base_rotation: (3, 3) torso_link to world.
         base_twist: (6,) linear then angular velocity in torso_link [m/s, rad/s].
-        motor_position, motor_velocity: (25,) [rad, rad/s].
+        motor_position: (25,) [rad].
+        motor_velocity: (25,) [rad/s].
         mass_matrix: (31, 31) M_r with rotor inertia.
         bias_force: (31,) h_r, Coriolis and gravity.
-        com_position, com_velocity: (3,) in world.
-        com_jacobian: (3, 31); com_bias: (3,) its Jdot v.
-        feet, hands: kinematics of (left, right) contact frames.
+        com_position: (3,) in world [m].
+        com_velocity: (3,) in world [m/s].
+        com_jacobian: (3, 31).
+        com_bias: (3,) Jdot v of the CoM [m/s²].
+        feet: (left, right) soles in world.
+        hands: (left, right) hand frames relative to torso_link and expressed in it; their
+            Jacobians have no base columns, so the QP cannot chase a hand target by moving the
+            torso that carries it.
     """
 
     base_position: Array
@@ -190,42 +217,11 @@ class Dynamics:
     feet: tuple[FrameKinematics, FrameKinematics]
     hands: tuple[FrameKinematics, FrameKinematics]
 
-    def hand_in_body(self, side: int) -> FrameKinematics:
-        """Motion of a hand relative to torso_link and expressed in it.
-
-        The relative Jacobian has no base columns: the QP cannot chase a hand target by moving
-        the torso that carries it. The velocity-product terms follow from the acceleration of a
-        point in a rotating frame, a = a_o + R (a_rel + 2 w x v_rel + w x (w x r)).
-        """
-        hand, rotation = self.hands[side], self.base_rotation
-        to_body = rotation.T
-        linear, angular = self.base_twist[:3], self.base_twist[3:]
-        r = to_body @ (hand.position - self.base_position)
-        wxr = cross(angular, r)
-        v_rel = to_body @ hand.velocity[:3] - linear - wxr
-        w_rel = to_body @ hand.velocity[3:] - angular
-        a_rel = (
-            to_body @ hand.bias[:3]
-            - cross(angular, linear)
-            - 2.0 * cross(angular, v_rel)
-            - cross(angular, wxr)
-        )
-        alpha_rel = to_body @ hand.bias[3:] - cross(angular, w_rel)
-        jacobian = np.zeros((6, NV))
-        jacobian[:3, 6:] = to_body @ hand.jacobian[:3, 6:]
-        jacobian[3:, 6:] = to_body @ hand.jacobian[3:, 6:]
-        return FrameKinematics(
-            position=r,
-            rotation=to_body @ hand.rotation,
-            velocity=np.concatenate((v_rel, w_rel)),
-            jacobian=jacobian,
-            bias=np.concatenate((a_rel, alpha_rel)),
-        )
-
     def foot_wrench_jacobian(self, side: int) -> Array:
         """(6, 31) Jacobian dual to a wrench [force; moment] in the foot's own frame."""
         foot = self.feet[side]
         local = np.empty((6, NV))
-        local[:3] = foot.rotation.T @ foot.jacobian[:3]
-        local[3:] = foot.rotation.T @ foot.jacobian[3:]
+        to_foot = foot.rotation.T
+        local[:3] = to_foot @ foot.jacobian[:3]
+        local[3:] = to_foot @ foot.jacobian[3:]
         return local

@@ -3,7 +3,7 @@
 Quaternions are (w, x, y, z); rotation vectors are axis times angle [rad].
 """
 
-from math import acos, cos, sin, sqrt
+from math import acos, atan2, cos, sin, sqrt
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from common.schemas.arrays import Float64Array as Array
 
 def matrix_from_quaternion(quaternion: Array) -> Array:
     """Rotation matrix (3, 3) of a quaternion (w, x, y, z), normalised first."""
-    w, x, y, z = (float(c) for c in quaternion)
+    w, x, y, z = quaternion.tolist()
     s = 2.0 / (w * w + x * x + y * y + z * z)
     return np.array(
         [
@@ -34,31 +34,29 @@ def quaternion_from_matrix(matrix: Array) -> Array:
 
 def rotation_vector(matrix: Array) -> Array:
     """Logarithm of a rotation matrix: axis times angle in [0, pi] [rad]."""
-    m = matrix
-    skew = np.array([m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]])
-    trace = float(m[0, 0] + m[1, 1] + m[2, 2])
-    cosine = min(1.0, max(-1.0, 0.5 * (trace - 1.0)))
+    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
+    x, y, z = h - f, c - g, d - b
+    cosine = min(1.0, max(-1.0, 0.5 * (a + e + i - 1.0)))
+    sine = 0.5 * sqrt(x * x + y * y + z * z)
     if cosine < -0.999999:
-        # Near pi the skew part vanishes; the axis is in the symmetric part.
-        symmetric = 0.5 * (m + np.eye(3))
-        k = int(np.argmax(np.diagonal(symmetric)))
-        axis = symmetric[:, k] / sqrt(float(symmetric[k, k]))
-        sign = 1.0 if float(axis @ skew) >= 0.0 else -1.0
-        return sign * acos(cosine) * axis
-    sine = 0.5 * sqrt(float(skew @ skew))
-    if sine < 1e-9:
-        return 0.5 * skew
-    return acos(cosine) / (2.0 * sine) * skew if cosine < 0.9 else _small_angle(skew, sine)
+        return _half_turn(matrix, cosine, np.array([x, y, z]))
+    # atan2 keeps its digits where acos (near 1) and asin (near pi/2) lose theirs.
+    scale = 0.5 if sine < 1e-9 else 0.5 * atan2(sine, cosine) / sine
+    return np.array([scale * x, scale * y, scale * z])
 
 
-def _small_angle(skew: Array, sine: float) -> Array:
-    # acos loses digits near one; asin does not.
-    return float(np.arcsin(min(1.0, sine))) / (2.0 * sine) * skew
+def _half_turn(matrix: Array, cosine: float, skew: Array) -> Array:
+    """Near pi the skew part vanishes; the axis is in the symmetric part."""
+    symmetric = 0.5 * (matrix + np.eye(3))
+    k = int(np.argmax(np.diagonal(symmetric)))
+    axis = symmetric[:, k] / sqrt(float(symmetric[k, k]))
+    sign = 1.0 if float(axis @ skew) >= 0.0 else -1.0
+    return sign * acos(cosine) * axis
 
 
 def matrix_from_rotation_vector(vector: Array) -> Array:
     """Exponential map: rotation matrix (3, 3) of axis times angle [rad] (Rodrigues)."""
-    x, y, z = (float(c) for c in vector)
+    x, y, z = vector.tolist()
     angle = sqrt(x * x + y * y + z * z)
     if angle < 1e-9:
         return np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]])
@@ -87,10 +85,3 @@ def yaw_of(matrix: Array) -> float:
 def wrap_angle(angle: float) -> float:
     """The same angle in (-pi, pi]."""
     return float(np.arctan2(sin(angle), cos(angle)))
-
-
-def cross(a: Array, b: Array) -> Array:
-    """Cross product of two 3-vectors, several times faster than ``numpy.cross``."""
-    a0, a1, a2 = a.tolist()
-    b0, b1, b2 = b.tolist()
-    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

@@ -11,7 +11,7 @@ import numpy as np
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import SolverUnavailableError
-from services.wbc.qp import INFINITY, NUM_CONSTRAINTS, NUM_VARIABLES, QpData
+from services.wbc.qp import BOUNDS, INFINITY, NUM_CONSTRAINTS, NUM_VARIABLES, QpData
 from services.wbc.robot_model import NV
 
 EQUALITIES = 6
@@ -141,15 +141,22 @@ class DaqpSolver:
                 "solver 'daqp' is not installed; pip install daqp, or choose solver osqp"
             ) from error
         self._daqp = daqp
-        self._sense = np.zeros(NUM_CONSTRAINTS, dtype=np.intc)
-        self._sense[:EQUALITIES] = 5  # active and immutable: an equality
+        # DAQP takes bounds on all variables first, then the general rows.
+        rows = NUM_VARIABLES + BOUNDS.start
+        self._lower, self._upper = np.full(rows, -1e30), np.full(rows, 1e30)
+        self._sense = np.zeros(rows, dtype=np.intc)
+        self._sense[NUM_VARIABLES : NUM_VARIABLES + EQUALITIES] = 5  # active, immutable: equality
 
     def solve(self, data: QpData) -> Solution:
         """Solve from scratch."""
-        upper = np.minimum(data.u, 1e30)
-        x, _, status, _ = self._daqp.solve(
-            data.P, data.q, data.A, upper, np.maximum(data.l, -1e30), self._sense
+        lower, upper = self._lower, self._upper
+        lower[6:NV], upper[6:NV] = data.l[BOUNDS], data.u[BOUNDS]
+        lower[NUM_VARIABLES:], upper[NUM_VARIABLES:] = (
+            data.l[: BOUNDS.start],
+            data.u[: BOUNDS.start],
         )
+        general = data.A[: BOUNDS.start]
+        x, _, status, _ = self._daqp.solve(data.P, data.q, general, upper, lower, self._sense)
         return Solution(np.asarray(x), status in (1, 2), f"daqp exit {status}")
 
 

@@ -1,6 +1,7 @@
 """Reference of a swing foot: minimum jerk across, two minimum-jerk halves up and down."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,8 +9,7 @@ from common.schemas.arrays import Float64Array as Array
 from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
 
 
-@dataclass(frozen=True)
-class PoseReference:
+class PoseReference(NamedTuple):
     """Desired pose and motion of a frame: (3,), (3, 3), then 6-vectors linear, angular in world."""
 
     position: Array

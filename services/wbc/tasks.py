@@ -21,16 +21,23 @@ POSTURE = slice(30, 43)
 NUM_ROWS = 43
 
 
+def pose_gains(position: Gains, rotation: Gains) -> tuple[Array, Array]:
+    """Stiffness and damping (6,) of a pose task, linear then angular."""
+    return (
+        np.repeat([position.kp, rotation.kp], 3),
+        np.repeat([position.kd, rotation.kd], 3),
+    )
+
+
 def pose_acceleration(
-    kinematics: FrameKinematics, reference: PoseReference, position: Gains, rotation: Gains
+    kinematics: FrameKinematics, reference: PoseReference, kp: Array, kd: Array
 ) -> Array:
     """Desired acceleration (6,), linear then angular, that pulls a frame to a moving pose."""
-    result = reference.acceleration.copy()
-    rate_error = reference.velocity - kinematics.velocity
-    result[:3] += position.kp * (reference.position - kinematics.position)
-    result[:3] += position.kd * rate_error[:3]
-    result[3:] += rotation.kp * rotation_vector(reference.rotation @ kinematics.rotation.T)
-    result[3:] += rotation.kd * rate_error[3:]
+    error = np.empty(6)
+    error[:3] = reference.position - kinematics.position
+    error[3:] = rotation_vector(reference.rotation @ kinematics.rotation.T)
+    rate = reference.velocity - kinematics.velocity
+    result: Array = reference.acceleration + kp * error + kd * rate
     return result
 
 
