@@ -31,6 +31,8 @@ ARMS = slice(12, 24)
 """Motors of both arms; :data:`ARM_BOUNDS` are their acceleration rows."""
 ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
 INFINITY = 1e20
+AIRBORNE = 2.0
+"""A foot allowed no more normal force than this is given none [N]."""
 FORCES = (slice(NV, NV + 6), slice(NV + 6, NV + 12))
 
 
@@ -97,9 +99,16 @@ class QpBuilder:
         weight = self._config.tasks.force_reference_weight
         data.A[DYNAMICS, :NV] = dynamics.mass_matrix
         for side, columns in enumerate(FORCES):
-            data.A[DYNAMICS, columns] = -dynamics.foot_wrench_jacobian(side).T
+            cone = slice(CONES.start + side * CONE_ROWS, CONES.start + (side + 1) * CONE_ROWS)
+            if normal_force_max[side] > AIRBORNE:
+                data.A[DYNAMICS, columns] = -dynamics.foot_wrench_jacobian(side).T
+                data.l[cone], data.u[NORMAL.start + side] = 0.0, normal_force_max[side]
+            else:
+                # No wrench at all is the same robot as a cone squeezed to a point, but leaves
+                # a first-order solver no degenerate corner to search.
+                data.A[DYNAMICS, columns] = 0.0
+                data.l[cone], data.u[NORMAL.start + side] = -INFINITY, INFINITY
             data.q[columns.start + FZ] = -weight * normal_force_desired[side]
-            data.u[NORMAL.start + side] = normal_force_max[side]
         h = dynamics.bias_force
         data.l[:6] = data.u[:6] = -h[:6]
         data.l[TORQUE] = -self.torque_limit - h[6:]
