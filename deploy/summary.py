@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from common.bus.sequence import SequenceTracker
 from common.schemas import (
     ControllerState,
     Gait,
@@ -266,15 +267,14 @@ def _timing(reports: list[ServiceHealth]) -> ServiceTiming:
 
 
 class _TopicReader:
-    """Counts by topic name; sequence numbers are followed per source and life of the sender."""
+    """Counts by topic name."""
 
     def __init__(self) -> None:
         self._count: dict[str, int] = {}
-        self._gaps: dict[str, int] = {}
         self._span: dict[str, tuple[int, int]] = {}
         self._sources: dict[str, set[str]] = {}
         self._nominal: dict[str, float] = {}
-        self._next: dict[tuple[str, str, int], int] = {}
+        self._sequence: dict[str, SequenceTracker] = {}
 
     def read(self, topic: Topic[Any], message: Message) -> None:
         name, header = topic.name, message.header
@@ -283,10 +283,7 @@ class _TopicReader:
         first, last = self._span.get(name, (header.sent, header.sent))
         self._span[name] = (min(first, header.sent), max(last, header.sent))
         self._sources.setdefault(name, set()).add(header.source)
-        key = (name, header.source, header.boot)
-        expected = self._next.get(key, header.seq)
-        self._gaps[name] = self._gaps.get(name, 0) + max(0, header.seq - expected)
-        self._next[key] = max(expected, header.seq + 1)
+        self._sequence.setdefault(name, SequenceTracker()).observe(header)
 
     def tally(self, dropped: Mapping[str, int]) -> dict[str, TopicTally]:
         return {
@@ -294,7 +291,7 @@ class _TopicReader:
                 messages=self._count.get(name, 0),
                 rate=self._rate(name),
                 nominal_rate=self._nominal.get(name, 0.0) * len(self._sources.get(name, {""})),
-                gaps=self._gaps.get(name, 0),
+                gaps=self._sequence[name].missing if name in self._sequence else 0,
                 dropped=dropped.get(name, 0),
             )
             for name in sorted({*self._count, *dropped})

@@ -3,7 +3,7 @@
 from math import pi
 
 import pytest
-from synthetic import MS, Life
+from tests.deploy.synthetic import MS, Life
 
 from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH

@@ -1,0 +1,43 @@
+# Everything a newcomer needs; `make help` says what. Works from a bare machine with Python 3.11
+# or 3.12: the first command makes .venv and installs the packages there, nowhere else.
+
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+ARGS ?=
+
+.PHONY: help demo drive top test suite bench lint setup clean
+
+help: ## say what there is
+	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10 | sed 's/^/  /'
+
+demo: $(STAMP) ## the robot walks and works by a script; leaves log, summary, pictures in runs/
+	$(BIN)/trill demo $(ARGS)
+
+drive: $(STAMP) ## the same robot on your keyboard
+	$(BIN)/trill drive $(ARGS)
+
+top: $(STAMP) ## live table of a running system
+	$(BIN)/trill top $(ARGS)
+
+test: $(STAMP) ## unit and integration tests, a few minutes
+	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+
+suite: $(STAMP) ## long physics suites
+	$(BIN)/python -m pytest -m slow $(ARGS)
+
+bench: $(STAMP) ## measure the figures the README quotes
+	@set -e; for file in benchmarks/bench_*.py; do \
+		echo "== $$file"; $(BIN)/python "$$file" $(ARGS); done
+
+lint: $(STAMP) ## style, types and who imports whom
+	PATH="$(CURDIR)/$(BIN):$$PATH" deploy/lint.sh
+
+setup: $(STAMP) ## make .venv and install, without running anything
+
+clean: ## forget .venv and caches; runs/ stays
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
+
+$(STAMP): pyproject.toml deploy/setup.sh
+	deploy/setup.sh $(VENV)

@@ -1,0 +1,176 @@
+"""What the live table shows, gathered from everything on the bus. Pure.
+
+Every message is only counted as it arrives; the few that the table quotes are decoded when the
+table is drawn, so that watching costs little beside the system being watched.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, TypeVar
+
+from common.bus.codec import decode
+from common.bus.keys import topic_of
+from common.bus.sequence import SequenceTracker
+from common.bus.tap import RawSample
+from common.errors import SchemaError
+from common.schemas import (
+    ControllerState,
+    Message,
+    OperatorStatus,
+    PlantStatus,
+    ServiceHealth,
+)
+from common.topics import (
+    ALL_TOPICS,
+    HEALTH,
+    PLANT_STATUS,
+    TELEOP_STATUS,
+    WBC_STATE,
+    Delivery,
+    Topic,
+)
+from services.logger.tally import wire_header
+
+WINDOW = 2.0
+"""Rates are over this long [s]."""
+DEAD_AFTER = 3.0
+"""A service whose health was not heard for this long is called silent [s]."""
+
+M = TypeVar("M", bound=Message)
+
+
+@dataclass(frozen=True)
+class TopicRow:
+    """One topic as the monitor sees it; ``refused`` is what its readers report."""
+
+    name: str
+    rate: float
+    nominal: float
+    age: float
+    messages: int
+    gaps: int
+    refused: int
+    stale: bool
+
+
+@dataclass(frozen=True)
+class ServiceRow:
+    """One service, from its last health message."""
+
+    health: ServiceHealth
+    age: float
+
+    @property
+    def alive(self) -> bool:
+        """Whether its health was heard lately."""
+        return self.age <= DEAD_AFTER
+
+
+@dataclass(frozen=True)
+class View:
+    """Everything the table shows at one moment."""
+
+    topics: tuple[TopicRow, ...]
+    services: tuple[ServiceRow, ...]
+    control: ControllerState | None = None
+    plant: PlantStatus | None = None
+    operator: OperatorStatus | None = None
+
+
+@dataclass
+class _Account:
+    """What one key did."""
+
+    messages: int = 0
+    sequence: SequenceTracker = field(default_factory=SequenceTracker)
+    arrivals: deque[int] = field(default_factory=deque)
+    last: RawSample | None = None
+
+    def age(self, now_ns: int) -> float:
+        """Seconds since the last arrival."""
+        return inf if self.last is None else (now_ns - self.last.arrival_ns) * 1e-9
+
+    def recent(self, now_ns: int) -> int:
+        """Arrivals within the window."""
+        return sum(arrival > now_ns - WINDOW * 1e9 for arrival in self.arrivals)
+
+
+class Board:
+    """Counts what a tap drained, by key."""
+
+    def __init__(self, robot: str) -> None:
+        """Start empty; ``robot`` is the first part of every key."""
+        self._robot = robot
+        self._accounts: dict[str, dict[str, _Account]] = {}
+
+    def note(self, samples: Iterable[RawSample]) -> None:
+        """Count samples, oldest first; keys outside the topic table are none of the table's."""
+        for sample in samples:
+            topic = topic_of(self._robot, sample.key)
+            if topic is None:
+                continue
+            account = self._accounts.setdefault(topic.name, {}).setdefault(sample.key, _Account())
+            account.messages += 1
+            account.last = sample
+            account.arrivals.append(sample.arrival_ns)
+            while account.arrivals[0] < sample.arrival_ns - WINDOW * 1e9:
+                account.arrivals.popleft()
+            header = wire_header(sample.payload)
+            if header is not None:
+                account.sequence.observe(header)
+
+    def view(self, now_ns: int) -> View:
+        """What there is to show at monotonic time ``now_ns``."""
+        services = tuple(
+            ServiceRow(health, account.age(now_ns))
+            for _, account in sorted(self._accounts.get(HEALTH.name, {}).items())
+            if (health := _decoded(HEALTH, account)) is not None
+        )
+        return View(
+            topics=tuple(
+                _row(topic, list(self._accounts[topic.name].values()), services, now_ns)
+                for topic in ALL_TOPICS
+                if topic.name in self._accounts
+            ),
+            services=services,
+            control=self.latest(WBC_STATE),
+            plant=self.latest(PLANT_STATUS),
+            operator=self.latest(TELEOP_STATUS),
+        )
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """Last message of a topic with one source; None before the first good one."""
+        accounts = list(self._accounts.get(topic.name, {}).values())
+        return _decoded(topic, accounts[-1]) if accounts else None
+
+
+def _decoded(topic: Topic[M], account: _Account) -> M | None:
+    if account.last is None:
+        return None
+    try:
+        return decode(account.last.payload, topic.schema, account.last.tag or None)
+    except SchemaError:
+        return None  # the topic's readers refuse it too, and count it
+
+
+def _row(
+    topic: Topic[Any], own: list[_Account], services: tuple[ServiceRow, ...], now_ns: int
+) -> TopicRow:
+    age = min(account.age(now_ns) for account in own)
+    return TopicRow(
+        name=topic.name,
+        rate=sum(account.recent(now_ns) for account in own) / WINDOW,
+        nominal=topic.rate * len(own),
+        age=age,
+        messages=sum(account.messages for account in own),
+        gaps=sum(account.sequence.missing for account in own),
+        refused=sum(
+            link.refused
+            for service in services
+            for link in service.health.links
+            if link.topic == topic.name
+        ),
+        stale=topic.delivery is Delivery.LATEST and age > topic.max_age,
+    )

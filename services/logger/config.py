@@ -1,0 +1,30 @@
+"""Configuration of the logger."""
+
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class LoggerConfig(BaseModel):
+    """How the logger buffers and writes.
+
+    What a ``kill -9`` can lose is what arrived since the last flush: ``flush_period`` plus
+    ``drain_period`` and the time one write takes.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    chunk_size: int = Field(
+        default=1024 * 1024, ge=1024, description="a chunk is closed at this size [bytes]"
+    )
+    flush_period: float = Field(
+        default=0.25, gt=0.0, le=0.5, description="an open chunk is closed and written after [s]"
+    )
+    drain_period: float = Field(
+        default=0.02, gt=0.0, le=0.5, description="between looks into the queue [s]"
+    )
+    queue_messages: int = Field(
+        default=20_000, ge=1, description="arrived but not written; more are dropped and counted"
+    )
+    queue_bytes: int = Field(default=64 * 1024 * 1024, ge=1, description="likewise")

@@ -1,0 +1,27 @@
+"""The queue keeps what fits and accounts for what does not."""
+
+from common.bus.tap import RawSample
+from services.logger.intake import Intake
+
+
+def sample(key: str, size: int, at: int = 0) -> RawSample:
+    return RawSample(key, bytes(size), "", at)
+
+
+def test_everything_offered_is_taken_or_counted_as_dropped() -> None:
+    intake = Intake(max_messages=3, max_bytes=1000)
+    accepted = [intake.offer(sample("a", 10, at)) for at in range(5)]
+    assert accepted == [True, True, True, False, False]
+    assert [one.arrival_ns for one in intake.take()] == [0, 1, 2]
+    assert intake.dropped() == {"a": 2}
+    assert intake.take() == []
+
+
+def test_bytes_are_bounded_and_given_back() -> None:
+    intake = Intake(max_messages=100, max_bytes=100)
+    assert intake.offer(sample("big", 90))
+    assert not intake.offer(sample("big", 20))
+    assert intake.offer(sample("small", 10))
+    intake.take()
+    assert intake.offer(sample("big", 90))
+    assert intake.dropped() == {"big": 1}
