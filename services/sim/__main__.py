@@ -1,0 +1,61 @@
+"""``python -m services.sim``: the simulated plant as a process."""
+
+import sys
+from argparse import SUPPRESS, ArgumentParser, Namespace
+
+from common.runtime.main import run_live
+from services.sim.config import TYPICAL_NOISE, SimConfig, TorqueMode, validated
+from services.sim.scenes import SCENES
+from services.sim.service import PlantService
+
+DESCRIPTION = """The plant: DRACO 3 in MuJoCo at 1 kHz, behind its motor servo and command guard. It
+stands until commands come, follows them while they are sound and fresh, holds its posture when
+they stop (0.1 s), goes limp when they stay away (5 s), and reports its state at 200 Hz of robot
+time. It needs no display; for pictures run services.sim.cameras beside it."""
+
+_FIELDS = frozenset(SimConfig.model_fields)
+
+
+def _add_arguments(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("plant", argument_default=SUPPRESS)
+    scenes = "; ".join(f"{scene.name}: {scene.doc}" for scene in SCENES.values())
+    group.add_argument("--scene", choices=sorted(SCENES), help=f"surroundings ({scenes})")
+    group.add_argument(
+        "--torque-mode",
+        choices=[mode.value for mode in TorqueMode],
+        help="motor limits: relaxed (legs +200 N·m, as in the public TRILL simulation; the "
+        "standard) or rated (as in the URDF)",
+    )
+    group.add_argument(
+        "--com-height", type=float, help="initial CoM above the soles [m] (0.70, rated 0.73)"
+    )
+    group.add_argument("--state-rate", type=int, help="measured states per second (200)")
+    group.add_argument("--seed", type=int, help="of sensor noise and start pose (0)")
+    group.add_argument(
+        "--noise",
+        choices=["none", "typical"],
+        help="on the measured state; typical: 2 mm, 2 cm/s, 0.3 deg (none)",
+    )
+
+
+def build(arguments: Namespace) -> PlantService:
+    """Build the service from its configuration table and, over it, the options given."""
+    options = {name: value for name, value in vars(arguments).items() if name in _FIELDS}
+    if "noise" in options:
+        options["noise"] = TYPICAL_NOISE if options["noise"] == "typical" else {}
+    return PlantService(validated(SimConfig, arguments.settings, options))
+
+
+def main() -> int:
+    """Run the plant until a signal."""
+    return run_live(
+        build,
+        PlantService.name,
+        sys.argv[1:],
+        add_arguments=_add_arguments,
+        description=DESCRIPTION,
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

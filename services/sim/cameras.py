@@ -1,0 +1,169 @@
+"""The robot's stereo pair, rendered in a process of its own so that physics never waits.
+
+Run as ``python -m services.sim.cameras``.
+"""
+
+import os
+import sys
+from argparse import SUPPRESS, ArgumentParser, Namespace
+from collections.abc import Callable, Sequence
+from typing import Any, Literal
+
+import cv2
+import mujoco
+from pydantic import BaseModel, ConfigDict, Field
+
+from common.robot.frames import CAMERAS
+from common.runtime.main import run_live
+from common.runtime.service import Inputs, Output, Service
+from common.schemas import CameraFrame, Header, PlantState
+from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, Topic
+from services.sim.config import validated
+from services.sim.offscreen import Image, Offscreen, fixed_camera
+from services.sim.pose import show_state
+from services.sim.scenes import SCENES
+from services.sim.world import FLOOR_GEOM, KEY_LIGHT, build_model, find_addresses
+
+_NICENESS = 10
+DESCRIPTION = """The robot's eyes: renders the plant's ground truth as a stereo pair and publishes
+each picture somebody subscribes to. Needs EGL (libegl1); the plant runs without."""
+
+
+class CameraConfig(BaseModel):
+    """How the stereo pair is rendered."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    scene: str = Field(default="flat", description="what stands around the robot")
+    width: int = Field(default=400, ge=16, le=1920, description="[pixels]")
+    height: int = Field(default=300, ge=16, le=1080, description="[pixels]")
+    rate: int = Field(default=20, ge=1, le=60, description="pictures per second and eye [Hz]")
+    encoding: Literal["jpeg", "rgb8"] = Field(default="jpeg", description="of the pictures")
+    quality: int = Field(default=90, ge=1, le=100, description="of JPEG")
+
+
+_FIELDS = frozenset(CameraConfig.model_fields)
+
+
+class StereoRenderer:
+    """Draws what the robot's eyes see; upright, row 0 on top, the left eye on its left."""
+
+    def __init__(self, config: CameraConfig) -> None:
+        self._config = config
+        self._model = build_model(config.scene)
+        _simplify(self._model)
+        self._data = mujoco.MjData(self._model)
+        self._addresses = find_addresses(self._model)
+        self._eyes = {eye: fixed_camera(self._model, name) for eye, name in CAMERAS.items()}
+        self._offscreen = Offscreen(self._model, config.width, config.height, plain=True)
+
+    def render(self, state: PlantState, eyes: Sequence[str]) -> list[Image]:
+        """Return (height, width, 3) RGB pictures at ``state``, one per name in ``eyes``."""
+        show_state(self._model, self._data, self._addresses, state)
+        return [self._offscreen.render(self._data, self._eyes[eye]) for eye in eyes]
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._offscreen.close()
+
+
+def _simplify(model: Any) -> None:
+    """Trade looks for speed: with software OpenGL it is 15 instead of 350 ms a picture."""
+    model.vis.quality.offsamples = 0
+    model.vis.map.zfar = 50.0
+    floor = model.geom(FLOOR_GEOM)
+    floor.size[:] = 60.0, 60.0, 4.0
+    # Lighting is computed at the corners of the floor's coarse tiles: no spot fits in there.
+    model.light(KEY_LIGHT).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+
+
+def encode(image: Image, encoding: str, quality: int) -> bytes:
+    """Return ``image`` (height, width, 3) RGB as a JPEG file or as row-major bytes."""
+    if encoding == "rgb8":
+        return image.tobytes()
+    _, file = cv2.imencode(
+        ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality]
+    )
+    return file.tobytes()
+
+
+class CameraService(Service):
+    """Publishes the eyes somebody listens to, from the latest ground truth.
+
+    Attributes:
+        wanted: tells whether a topic has listeners; replaced by whoever knows the transport.
+    """
+
+    name = "cameras"
+    reads = (PLANT_TRUTH,)
+    writes = (CAMERA_LEFT, CAMERA_RIGHT)
+
+    def __init__(self, config: CameraConfig | None = None) -> None:
+        self._config = config or CameraConfig()
+        self.period_ns = 1_000_000_000 // self._config.rate
+        self.wanted: Callable[[Topic[Any]], bool] = lambda _topic: True
+        self._renderer = StereoRenderer(self._config)
+
+    def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+        """Render the wanted eyes, if there is a new state."""
+        del now_ns
+        state = inputs.latest(PLANT_TRUTH)
+        if state is None or not inputs.updated(PLANT_TRUTH):
+            return []
+        topics = {
+            eye: topic
+            for eye, topic in (("left", CAMERA_LEFT), ("right", CAMERA_RIGHT))
+            if self.wanted(topic)
+        }
+        images = self._renderer.render(state, list(topics))
+        return [
+            Output(topic, self._frame(eye, image, state.header.stamp))
+            for (eye, topic), image in zip(topics.items(), images, strict=True)
+        ]
+
+    def _frame(self, eye: str, image: Image, stamp_ns: int) -> CameraFrame:
+        height, width, _ = image.shape
+        encoding, quality = self._config.encoding, self._config.quality
+        return CameraFrame(
+            header=Header(stamp=stamp_ns),
+            eye="left" if eye == "left" else "right",
+            width=width,
+            height=height,
+            encoding=encoding,
+            data=encode(image, encoding, quality),
+        )
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
+
+
+def _add_arguments(parser: ArgumentParser) -> None:
+    group = parser.add_argument_group("pictures", argument_default=SUPPRESS)
+    group.add_argument("--scene", choices=sorted(SCENES), help="the plant's scene (flat)")
+    group.add_argument("--width", type=int, help="pixels (400)")
+    group.add_argument("--height", type=int, help="pixels (300)")
+    group.add_argument("--rate", type=int, help="pictures per second and eye (20)")
+    group.add_argument("--encoding", choices=["jpeg", "rgb8"], help="of the pictures (jpeg)")
+    group.add_argument("--quality", type=int, help="of JPEG, 1 to 100 (90)")
+
+
+def _build(arguments: Namespace) -> CameraService:
+    options = {name: value for name, value in vars(arguments).items() if name in _FIELDS}
+    config = validated(CameraConfig, arguments.settings, options)
+    # Pictures may be late, control may not.
+    os.nice(_NICENESS)
+    return CameraService(config)
+
+
+def main() -> int:
+    """Run the cameras until a signal."""
+    # First, so that an explicit option still wins: pictures never ask for real-time scheduling.
+    argv = ["--rt-priority", "0", *sys.argv[1:]]
+    return run_live(
+        _build, CameraService.name, argv, add_arguments=_add_arguments, description=DESCRIPTION
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,45 @@
+"""Contacts by geom name, for scoring and for the measured foot forces."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+class Contact(NamedTuple):
+    """One touching pair; ``first < second`` by name. ``force`` is its normal force [N]."""
+
+    first: str
+    second: str
+    force: float
+
+
+def normal_forces(data: Any) -> Array:
+    """(ncon,) normal force of each contact of the last physics step [N]; 0 where inactive.
+
+    With elliptic (or frictionless) cones the first constraint row of a contact is its normal.
+    """
+    forces = np.zeros(data.ncon)
+    if data.ncon and data.nefc:
+        rows = data.contact.efc_address
+        active = rows >= 0
+        forces[active] = data.efc_force[rows[active]]
+    return forces
+
+
+def foot_normal_forces(data: Any, feet: tuple[int, int]) -> Array:
+    """(2,) sum of the normal forces on the foot geoms ``feet`` (left, right) [N]."""
+    forces = normal_forces(data)
+    pairs = data.contact.geom
+    return np.array([forces[(pairs == foot).any(axis=1)].sum() for foot in feet])
+
+
+def contact_list(model: Any, data: Any) -> list[Contact]:
+    """Touching pairs of geoms with their summed normal forces, sorted by name."""
+    total: dict[tuple[str, str], float] = {}
+    for (one, other), force in zip(data.contact.geom, normal_forces(data), strict=True):
+        first, second = sorted((model.geom(int(one)).name, model.geom(int(other)).name))
+        total[first, second] = total.get((first, second), 0.0) + float(force)
+    return [Contact(*pair, force) for pair, force in sorted(total.items())]

@@ -1,0 +1,68 @@
+"""What a joint command may ask for: gains the servo is stable with, values joints can have.
+
+A command beyond these bounds is wrong, not merely ambitious: torques within them are still cut to
+the motors' limits, positions to the joints' stops.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.robot.joints import (
+    EFFORT_RELAXED,
+    JOINTS,
+    NUM_JOINTS,
+    POSITION_LOWER,
+    POSITION_UPPER,
+    VELOCITY_LIMIT,
+)
+
+Array = NDArray[np.float64]
+
+_SERVO_STEP: Final = 1e-3
+
+_EFFECTIVE_INERTIA: Final[dict[str, float]] = {
+    "hip_ie": 0.0273,
+    "hip_aa": 0.366,
+    "hip_fe": 0.0614,
+    "knee_fe_jp": 0.020,
+    "knee_fe_jd": 0.020,
+    "ankle_fe": 0.0119,
+    "ankle_ie": 0.0116,
+    "shoulder_fe": 0.081,
+    "shoulder_aa": 0.300,
+    "shoulder_ie": 0.0164,
+    "elbow_fe": 0.0217,
+    "wrist_ps": 0.0120,
+    "wrist_pitch": 0.0137,
+    "neck_pitch": 0.0176,
+}
+"""1 / diag(M^-1) in the nominal crouch, feet free [kg·m²]: what a motor feels least."""
+
+
+def _inertia(name: str) -> float:
+    return _EFFECTIVE_INERTIA[name.removeprefix("l_").removeprefix("r_")]
+
+
+EFFECTIVE_INERTIA: Final[Array] = np.array([_inertia(joint.name) for joint in JOINTS])
+
+DAMPING_MAX: Final[Array] = EFFECTIVE_INERTIA / _SERVO_STEP
+"""(27,) kd dt / M = 1: an explicit damper turns a velocity round within one step beyond it."""
+
+STIFFNESS_MAX: Final[Array] = np.full(NUM_JOINTS, 1000.0)
+"""(27,) [N·m/rad]."""
+
+POSITION_MARGIN: Final = 0.2
+"""Commands may lie this far beyond a joint's stop (measured noise, penetration) [rad]."""
+
+POSITION_MIN: Final[Array] = POSITION_LOWER - POSITION_MARGIN
+POSITION_MAX: Final[Array] = POSITION_UPPER + POSITION_MARGIN
+VELOCITY_MAX: Final[Array] = 5.0 * VELOCITY_LIMIT
+"""(27,) wide, for a command may carry the measured velocity, which spikes at touch-down [rad/s]."""
+ACCELERATION_MAX: Final[Array] = np.full(NUM_JOINTS, 2e3)
+"""(27,) [rad/s²]."""
+TORQUE_MAX: Final[Array] = 2.0 * EFFORT_RELAXED
+"""(27,) feed-forward; the servo cuts at the limit in force [N·m]."""
+CLOSURE_MARGIN: Final = 0.05
+"""Gripper closures may lie this far outside 0..1."""

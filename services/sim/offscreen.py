@@ -1,0 +1,99 @@
+"""Off-screen rendering through EGL, with the one message a user without a GL library needs."""
+
+import sys
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from services.sim.errors import RenderingUnavailableError
+
+Image = NDArray[np.uint8]
+"""(height, width, 3) RGB, row 0 on top."""
+
+_HINT = (
+    "no off-screen OpenGL: install libegl1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri; "
+    "Fedora: dnf install mesa-libEGL mesa-dri-drivers). Everything but pictures runs without it."
+)
+
+
+class Offscreen:
+    """Renders one size of picture of one model.
+
+    The context belongs to the thread that made it. MuJoCo's own renderer picks its GL library
+    from an environment variable read at import; this one always takes EGL, display or not.
+    """
+
+    def __init__(
+        self, model: Any, width: int, height: int, *, plain: bool = False, max_geoms: int = 2000
+    ) -> None:
+        """Open a context.
+
+        Args:
+            model: the ``mujoco.MjModel``; its off-screen buffer must be large enough.
+            width: [pixels].
+            height: [pixels].
+            plain: neither shadows nor reflections, for speed.
+            max_geoms: room for this many shapes.
+
+        Raises:
+            RenderingUnavailableError: there is no EGL, or it cannot open a context.
+        """
+        self._context: Any = None
+        try:
+            # Importing it needs libEGL and opens the display, hence not at the top.
+            from mujoco.egl import GLContext
+
+            self._gl = GLContext(width, height)
+            self._gl.make_current()
+        except Exception as error:
+            # PyOpenGL raises AttributeError, ImportError, RuntimeError or its own EGLError.
+            raise RenderingUnavailableError(f"{_HINT} ({type(error).__name__}: {error})") from error
+        self._model = model
+        self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._scene = mujoco.MjvScene(model, max_geoms)
+        self._option = mujoco.MjvOption()
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            self._scene.flags[flag] = not plain
+        self._buffer = np.empty((height, width, 3), dtype=np.uint8)
+
+    def render(self, data: Any, camera: Any) -> Image:
+        """Return a fresh picture of ``data`` (after ``mj_kinematics``) through ``camera``."""
+        mujoco.mjv_updateScene(
+            self._model,
+            data,
+            self._option,
+            None,
+            camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
+        )
+        self._gl.make_current()
+        mujoco.mjr_render(self._rect, self._scene, self._context)
+        mujoco.mjr_readPixels(self._buffer, None, self._rect, self._context)
+        return self._buffer[::-1].copy()
+
+    def close(self) -> None:
+        """Free the context; a second call does nothing."""
+        if self._context is not None:
+            # OpenGL names mean something only in their own context: freed while another renderer's
+            # is current, they would take that one's textures with them.
+            self._gl.make_current()
+            self._context.free()
+            self._context = None
+            self._gl.free()
+
+    def __del__(self) -> None:
+        if not sys.is_finalizing():  # by then the display itself is gone
+            self.close()
+
+
+def fixed_camera(model: Any, name: str) -> Any:
+    """Return the ``mujoco.MjvCamera`` that is the model's camera ``name``."""
+    camera = mujoco.MjvCamera()
+    camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+    camera.fixedcamid = model.camera(name).id
+    return camera

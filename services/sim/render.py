@@ -1,0 +1,112 @@
+"""Pictures of a run: recorded states in, frames out."""
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from common.schemas import PlantState
+from services.sim.offscreen import Image, Offscreen, fixed_camera
+from services.sim.pose import show_state
+from services.sim.world import build_model, find_addresses
+
+
+@dataclass(frozen=True, slots=True)
+class FollowCamera:
+    """A third-person camera that walks along with the robot.
+
+    Attributes:
+        azimuth: where it looks, counter-clockwise from +x [deg]; 145 sees the robot's front left.
+        elevation: of its view [deg]; negative looks down.
+        distance: to the robot [m].
+        height: of the point it looks at [m].
+        lag: time constant with which it follows [s]; steps do not shake the picture.
+    """
+
+    azimuth: float = 145.0
+    elevation: float = -12.0
+    distance: float = 2.9
+    height: float = 0.68
+    lag: float = 0.6
+
+
+class _Follower:
+    """Moves a free camera after the robot."""
+
+    def __init__(self, settings: FollowCamera) -> None:
+        self._settings = settings
+        self._stamp_ns: int | None = None
+        self.camera = mujoco.MjvCamera()
+        self.camera.azimuth = settings.azimuth
+        self.camera.elevation = settings.elevation
+        self.camera.distance = settings.distance
+        self.camera.lookat[2] = settings.height
+
+    def see(self, state: PlantState) -> None:
+        """Follow to ``state``; at the first, and after time went back, jump there."""
+        stamp = state.header.stamp
+        share = 1.0
+        if self._stamp_ns is not None and stamp >= self._stamp_ns:
+            share = 1.0 - math.exp(-(stamp - self._stamp_ns) * 1e-9 / self._settings.lag)
+        self._stamp_ns = stamp
+        self.camera.lookat[:2] += share * (state.base_position[:2] - self.camera.lookat[:2])
+
+
+def render_states(
+    states: Iterable[PlantState],
+    width: int = 1280,
+    height: int = 720,
+    camera: FollowCamera | str | None = None,
+    *,
+    scene: str = "flat",
+) -> Iterator[Image]:
+    """Render one (height, width, 3) RGB frame per state, with shadows.
+
+    Args:
+        states: what to show, in the order of time.
+        width: at most 1920 [pixels].
+        height: at most 1080 [pixels].
+        camera: a third-person camera, or the name of one of the model's (``"left"``, ``"right"``).
+        scene: what stands around the robot.
+
+    Raises:
+        RenderingUnavailableError: there is no off-screen OpenGL.
+        SceneError: there is no such scene.
+    """
+    model = build_model(scene)
+    data = mujoco.MjData(model)
+    addresses = find_addresses(model)
+    follower = None if isinstance(camera, str) else _Follower(camera or FollowCamera())
+    view: Any = follower.camera if follower else fixed_camera(model, str(camera))
+    offscreen = Offscreen(model, width, height)
+    try:
+        for state in states:
+            if follower:
+                follower.see(state)
+            show_state(model, data, addresses, state)
+            yield offscreen.render(data, view)
+    finally:
+        offscreen.close()
+
+
+def contact_sheet(frames: Sequence[Image], columns: int, gap: int = 4) -> Image:
+    """Lay equally large frames out in rows of ``columns``, ``gap`` white pixels apart.
+
+    Raises:
+        ValueError: there are no frames.
+    """
+    if not frames:
+        raise ValueError("expected at least one frame for a contact sheet, got none")
+    height, width, _ = frames[0].shape
+    rows = math.ceil(len(frames) / columns)
+    columns = min(columns, len(frames))
+    sheet = np.full(
+        (rows * (height + gap) - gap, columns * (width + gap) - gap, 3), 255, dtype=np.uint8
+    )
+    for i, frame in enumerate(frames):
+        top, left = (i // columns) * (height + gap), (i % columns) * (width + gap)
+        sheet[top : top + height, left : left + width] = frame
+    return sheet

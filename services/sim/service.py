@@ -1,0 +1,123 @@
+"""The simulated plant on the bus."""
+
+import logging
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from common.runtime.service import Inputs, Output, Service
+from common.schemas import Header, PlantAction, PlantRequest, PlantStatus
+from common.topics import (
+    ESTOP,
+    PLANT_REQUEST,
+    PLANT_STATE,
+    PLANT_STATUS,
+    PLANT_TRUTH,
+    WBC_COMMAND,
+)
+from services.sim.config import PHYSICS_RATE, PHYSICS_STEP_NS, SimConfig
+from services.sim.errors import PlantDivergedError
+from services.sim.pace import Every, Pace
+from services.sim.plant import Plant
+
+_LOG = logging.getLogger(__name__)
+
+
+class PlantService(Service):
+    """Runs a :class:`Plant` at the pace of its runner.
+
+    State goes out at the rate of robot time; truth and status at that of the runner's clock, so
+    that a paused plant still shows. While paused there is no new measurement, hence no state.
+
+    Attributes:
+        plant: the plant.
+        paused: whether robot time stands still.
+    """
+
+    name = "sim"
+    reads = (WBC_COMMAND, PLANT_REQUEST, ESTOP)
+    writes = (PLANT_STATE, PLANT_TRUTH, PLANT_STATUS)
+
+    def __init__(self, config: SimConfig | None = None) -> None:
+        self.plant = Plant(config)
+        config = self.plant.config
+        self.period_ns = config.physics_steps * PHYSICS_STEP_NS
+        self.paused = False
+        self._state_every = PHYSICS_RATE // config.state_rate
+        self._state_due = False
+        self._pace = Pace(config.physics_steps, config.catch_up_steps)
+        self._truth_due = Every(config.truth_rate)
+        self._status_due = Every(config.status_rate)
+        self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
+
+    def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+        """Take events and the newest command, run the physics steps due, report."""
+        plant = self.plant
+        if inputs.events(ESTOP):
+            plant.estop()
+        for request in inputs.events(PLANT_REQUEST):
+            self._obey(request)
+        if inputs.updated(WBC_COMMAND):
+            command = inputs.latest(WBC_COMMAND)
+            if command is not None:
+                plant.offer(command)
+        if self.paused:
+            self._pace.skip(now_ns)
+        else:
+            self._advance(self._pace.due(now_ns))
+        outputs = []
+        if self._state_due:
+            self._state_due = False
+            outputs.append(Output(PLANT_STATE, plant.measured()))
+        if self._truth_due.due(now_ns):
+            outputs.append(Output(PLANT_TRUTH, plant.truth()))
+        if self._status_due.due(now_ns):
+            outputs.append(Output(PLANT_STATUS, self._status(now_ns)))
+        return outputs
+
+    def _advance(self, steps: int) -> None:
+        plant = self.plant
+        try:
+            for _ in range(steps):
+                plant.step()
+                if plant.steps % self._state_every == 0:
+                    self._state_due = True
+        except PlantDivergedError as error:
+            _LOG.exception("resetting: %s", error)
+            self._reset()
+
+    def _reset(self) -> None:
+        self.plant.reset()
+        self._state_due = True
+
+    def _obey(self, request: PlantRequest) -> None:
+        _LOG.info("%s", request.action.name)
+        if request.action is PlantAction.RESET:
+            self._reset()
+        elif request.action is PlantAction.PUSH:
+            self.plant.push(request.force, request.duration)
+        else:
+            self.paused = request.action is PlantAction.PAUSE
+
+    def _status(self, now_ns: int) -> PlantStatus:
+        plant, guard = self.plant, self.plant.guard
+        self._progress.append((now_ns, plant.now_ns))
+        (first_now, first_robot), (last_now, last_robot) = self._progress[0], self._progress[-1]
+        wall = last_now - first_now
+        ages = np.array(plant.command_ages or [0.0])
+        median, p99 = np.percentile(ages, (50.0, 99.0))
+        return PlantStatus(
+            header=Header(stamp=plant.now_ns),
+            guard=guard.mode,
+            paused=self.paused,
+            fallen=plant.fallen,
+            real_time_factor=(last_robot - first_robot) / wall if wall else 0.0,
+            age_at_torque_median=float(median),
+            age_at_torque_p99=float(p99),
+            commands_applied=guard.applied,
+            commands_refused=guard.refused,
+            holds=guard.holds,
+            saturated_fraction=plant.saturated_fraction,
+            late_steps=self._pace.late_steps,
+        )
