@@ -32,6 +32,7 @@ class ProcessSpec:
         stop_wave: processes of a lower wave are stopped before those of a higher one.
         foreground: owns the terminal (input, output, Ctrl-C) instead of a log file.
         may_finish: ending with exit code 0 is success, not a death.
+        essential: the system is of no use without it.
     """
 
     name: str
@@ -43,6 +44,7 @@ class ProcessSpec:
     stop_wave: int = 0
     foreground: bool = False
     may_finish: bool = False
+    essential: bool = True
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from deploy.scoring import GaitRun
-
-Outcome = Literal["completed", "fell", "service died", "timed out", "interrupted"]
+Outcome = Literal["completed", "fell", "script failed", "service died", "timed out", "interrupted"]
 
 
 class _Part(BaseModel):
@@ -32,14 +30,35 @@ class GaitTally(_Part):
     aborted: int = 0
 
 
-class Walk(_Part):
-    """Ground-truth motion of the whole run against the sum of the completed gaits' commands."""
+class GaitRun(_Part):
+    """One request and what came of it; motions in the robot's heading when it was accepted."""
 
-    path_length: float = Field(default=0.0, description="[m], from legs of 2 cm or more")
-    forward: float = Field(default=0.0, description="end against start, in the start heading [m]")
-    left: float = 0.0
+    request_id: int
+    gait: str
+    outcome: str = Field(description="requested (no answer), refused, accepted, completed, aborted")
+    reason: str = ""
+    refusals: int = Field(default=0, description="times it was refused before this outcome")
+    duration: float = Field(default=0.0, description="robot time from accepted to its end [s]")
+    forward: float = Field(default=0.0, description="[m]")
+    left: float = Field(default=0.0, description="[m]")
     turn_deg: float = 0.0
     commanded_forward: float = 0.0
+    commanded_left: float = 0.0
+    commanded_turn_deg: float = 0.0
+
+
+class Walk(_Part):
+    """All completed gaits together, from the first's acceptance to the last's completion.
+
+    Positions are in the heading the robot had at the start.
+    """
+
+    distance: float = Field(default=0.0, description="sum over the gaits that go somewhere [m]")
+    commanded_distance: float = 0.0
+    forward: float = Field(default=0.0, description="end against start [m]")
+    left: float = 0.0
+    turn_deg: float = Field(default=0.0, description="sum over the gaits")
+    commanded_forward: float = Field(default=0.0, description="by the commands one after another")
     commanded_left: float = 0.0
     commanded_turn_deg: float = 0.0
     end_error: float = Field(default=0.0, description="distance from the commanded end [m]")
@@ -52,7 +71,8 @@ class ServiceTiming(_Part):
     steps: int
     deadline_misses: int
     step_median_ms: float = Field(description="median over the windows it reported")
-    step_p99_ms: float = Field(description="worst window's 99th percentile")
+    step_p99_ms: float = Field(description="median of the windows' 99th percentiles")
+    step_p99_worst_ms: float = Field(description="worst window's 99th percentile")
     cpu: float = Field(description="mean share of one core")
     realtime: str
     input_gaps: int = Field(description="messages its inputs missed by sequence number")

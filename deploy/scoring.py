@@ -10,9 +10,8 @@ from dataclasses import dataclass
 from math import atan2, cos, degrees, hypot, sin
 from typing import Final
 
-from pydantic import BaseModel, ConfigDict, Field
-
 from common.schemas import Gait, GaitOutcome, GaitReply, GaitRequest, PlantState
+from deploy.run_summary import GaitRun, Walk
 from services.wbc.config import GaitConfig
 
 FEET_AHEAD_OF_TORSO: Final = 0.0537
@@ -55,25 +54,6 @@ def commanded_motions(config: GaitConfig) -> dict[Gait, Pose2]:
     }
 
 
-class GaitRun(BaseModel):
-    """One request and what came of it; motions in the robot's heading when it was accepted."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    request_id: int
-    gait: str
-    outcome: str = Field(description="requested (no answer), refused, accepted, completed, aborted")
-    reason: str = ""
-    refusals: int = Field(default=0, description="times it was refused before this outcome")
-    duration: float = Field(default=0.0, description="robot time from accepted to its end [s]")
-    forward: float = Field(default=0.0, description="[m]")
-    left: float = Field(default=0.0, description="[m]")
-    turn_deg: float = 0.0
-    commanded_forward: float = 0.0
-    commanded_left: float = 0.0
-    commanded_turn_deg: float = 0.0
-
-
 def wrap(angle: float) -> float:
     """``angle`` [rad] brought to (-pi, pi]."""
     return atan2(sin(angle), cos(angle))
@@ -91,33 +71,15 @@ def planar_pose(truth: PlantState) -> Pose2:
 
 
 class Track:
-    """Where the robot went: fed with ground truth in the order it arrived."""
-
-    LEG = 0.02
-    """The path's length is counted in legs of at least this [m], so that sway is not walking."""
+    """Where the robot is: fed with ground truth in the order it arrived."""
 
     def __init__(self) -> None:
-        self.first: Pose2 | None = None
         self.last: Pose2 | None = None
         self.stamp = 0
-        self.walked = 0.0
-        self.turned = 0.0
-        self._corner = Pose2()
-        self._reset_count = 0
 
     def add(self, truth: PlantState) -> None:
-        """Append a pose. A plant reset moves the robot without walking it."""
-        pose = planar_pose(truth)
-        if self.first is None or truth.reset_count != self._reset_count:
-            self.first = self._corner = pose
-            self._reset_count = truth.reset_count
-        elif self.last is not None:
-            self.turned += wrap(pose.yaw - self.last.yaw)
-        leg = hypot(pose.x - self._corner.x, pose.y - self._corner.y)
-        if leg >= self.LEG:
-            self.walked += leg
-            self._corner = pose
-        self.last, self.stamp = pose, truth.header.stamp
+        """Take in the newest ground truth."""
+        self.last, self.stamp = planar_pose(truth), truth.header.stamp
 
 
 @dataclass
@@ -130,6 +92,10 @@ class _Request:
     refusals: int = 0
     started: tuple[int, Pose2] | None = None
     ended: tuple[int, Pose2] | None = None
+
+    def moved(self) -> Pose2:
+        """The motion from its acceptance to its end; none if either is not known."""
+        return self.started[1].to(self.ended[1]) if self.started and self.ended else Pose2()
 
 
 class GaitLedger:
@@ -169,6 +135,32 @@ class GaitLedger:
         """All requests in the order they were made."""
         return [_run(entry, commanded.get(entry.gait, Pose2())) for entry in self._requests]
 
+    def walk(self, commanded: Mapping[Gait, Pose2]) -> Walk:
+        """All completed gaits together: where they led, and where they should have led."""
+        done = [one for one in self._requests if one.outcome == "completed"]
+        goal, turned, turned_wanted, distance, distance_wanted = Pose2(), 0.0, 0.0, 0.0, 0.0
+        for one in done:
+            moved, step = one.moved(), commanded.get(one.gait, Pose2())
+            goal = goal.then(step)
+            turned, turned_wanted = turned + moved.yaw, turned_wanted + step.yaw
+            if step.x or step.y:
+                distance += hypot(moved.x, moved.y)
+                distance_wanted += hypot(step.x, step.y)
+        reached = Pose2()
+        if done and done[0].started and done[-1].ended:
+            reached = done[0].started[1].to(done[-1].ended[1])
+        return Walk(
+            distance=distance,
+            commanded_distance=distance_wanted,
+            forward=reached.x,
+            left=reached.y,
+            turn_deg=degrees(turned),
+            commanded_forward=goal.x,
+            commanded_left=goal.y,
+            commanded_turn_deg=degrees(turned_wanted),
+            end_error=hypot(reached.x - goal.x, reached.y - goal.y),
+        )
+
     def _open(self, request_id: int, gait: Gait, sender: tuple[str, int]) -> _Request:
         entry = _Request(request_id, sender, gait)
         self._requests.append(entry)
@@ -177,10 +169,9 @@ class GaitLedger:
 
 
 def _run(entry: _Request, wanted: Pose2) -> GaitRun:
-    duration, moved = 0.0, Pose2()
+    duration, moved = 0.0, entry.moved()
     if entry.started and entry.ended:
         duration = (entry.ended[0] - entry.started[0]) * 1e-9
-        moved = entry.started[1].to(entry.ended[1])
     return GaitRun(
         request_id=entry.request_id,
         gait=entry.gait.name.lower(),

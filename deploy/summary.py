@@ -6,7 +6,6 @@ environment and the logger's own drop counts are handed in.
 
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from math import degrees, hypot
 from typing import Any
 
 import numpy as np
@@ -33,6 +32,7 @@ from common.topics import (
     Topic,
 )
 from deploy.run_summary import (
+    GaitRun,
     GaitTally,
     Outcome,
     PlantTally,
@@ -41,9 +41,8 @@ from deploy.run_summary import (
     Spread,
     TopicTally,
     Tracking,
-    Walk,
 )
-from deploy.scoring import GaitLedger, GaitRun, Pose2, Track, commanded_motions
+from deploy.scoring import GaitLedger, Pose2, Track, commanded_motions
 from services.wbc.config import GaitConfig
 
 
@@ -61,19 +60,20 @@ def summarise(
     Args:
         messages: (topic, message) pairs, e.g. from ``services.logger.reader``.
         outcome: why the run ended, as its supervisor saw it; a fall seen in the log overrules
-            ``"completed"``.
+            ``"completed"`` and ``"script failed"``.
         reason: a sentence about ``outcome``.
         environment: versions and settings worth keeping with the numbers.
         dropped: messages the logger received but did not write, by topic name.
         commanded: what each gait should do; by default as the controller's default configuration.
     """
     wanted = commanded_motions(GaitConfig()) if commanded is None else commanded
-    walk, plant, tracking = _WalkReader(), _PlantReader(), _TrackingReader()
+    track, ledger = Track(), GaitLedger()
+    plant, tracking = _PlantReader(), _TrackingReader()
     services, topics = _ServiceReader(), _TopicReader()
     for topic, message in messages:
         topics.read(topic, message)
         if isinstance(message, PlantState) and topic.name == PLANT_TRUTH.name:
-            walk.track.add(message)
+            track.add(message)
         elif isinstance(message, PlantState) and topic.name == PLANT_STATE.name:
             plant.state(message)
         elif isinstance(message, PlantStatus) and topic.name == PLANT_STATUS.name:
@@ -83,12 +83,12 @@ def summarise(
         elif isinstance(message, ServiceHealth) and topic.name == HEALTH.name:
             services.read(message)
         elif isinstance(message, GaitRequest) and topic.name == TELEOP_GAIT.name:
-            walk.ledger.request(message)
+            ledger.request(message)
         elif isinstance(message, GaitReply) and topic.name == WBC_REPLY.name:
-            walk.ledger.reply(message, walk.track)
-    runs = walk.ledger.runs(wanted)
+            ledger.reply(message, track)
+    runs = ledger.runs(wanted)
     tally = plant.tally()
-    if tally.falls and outcome == "completed":
+    if tally.falls and outcome in {"completed", "script failed"}:
         outcome, reason = "fell", reason or "the plant reported a fall"
     return RunSummary(
         outcome=outcome,
@@ -96,7 +96,7 @@ def summarise(
         duration=plant.duration,
         gaits=_tally_gaits(runs),
         gait_runs=runs,
-        walk=walk.walk(runs, wanted),
+        walk=ledger.walk(wanted),
         plant=tally,
         tracking=tracking.tally(),
         services=services.tally(),
@@ -131,32 +131,6 @@ def _tally(runs: list[GaitRun]) -> GaitTally:
         refused=sum(run.refusals for run in runs),
         aborted=sum(run.outcome == "aborted" for run in runs),
     )
-
-
-class _WalkReader:
-    def __init__(self) -> None:
-        self.track = Track()
-        self.ledger = GaitLedger()
-
-    def walk(self, runs: list[GaitRun], commanded: Mapping[Gait, Pose2]) -> Walk:
-        if self.track.first is None or self.track.last is None:
-            return Walk()
-        moved = self.track.first.to(self.track.last)
-        goal, turned = Pose2(), 0.0
-        for run in runs:
-            if run.outcome == "completed":
-                step = commanded.get(Gait[run.gait.upper()], Pose2())
-                goal, turned = goal.then(step), turned + step.yaw
-        return Walk(
-            path_length=self.track.walked,
-            forward=moved.x,
-            left=moved.y,
-            turn_deg=degrees(self.track.turned),
-            commanded_forward=goal.x,
-            commanded_left=goal.y,
-            commanded_turn_deg=degrees(turned),
-            end_error=hypot(moved.x - goal.x, moved.y - goal.y),
-        )
 
 
 class _PlantReader:
@@ -258,7 +232,8 @@ def _timing(reports: list[ServiceHealth]) -> ServiceTiming:
         steps=last.steps,
         deadline_misses=last.deadline_misses,
         step_median_ms=1e3 * float(np.median([r.step_median for r in reports])),
-        step_p99_ms=1e3 * max(r.step_p99 for r in reports),
+        step_p99_ms=1e3 * float(np.median([r.step_p99 for r in reports])),
+        step_p99_worst_ms=1e3 * max(r.step_p99 for r in reports),
         cpu=float(np.mean([r.cpu for r in reports])),
         realtime=last.realtime,
         input_gaps=sum(link.gaps for link in last.links),

@@ -108,6 +108,14 @@ class Supervisor:
         """Process id of ``name``, which must have been started."""
         return self._children[name].process.pid
 
+    def spec(self, name: str) -> ProcessSpec:
+        """The declaration of process ``name``, which must have been started."""
+        return self._children[name].spec
+
+    def running(self) -> list[str]:
+        """Names of the processes that run, in starting order."""
+        return [name for name in self._children if self.alive(name)]
+
     def exit_of(self, name: str) -> Exit | None:
         """How ``name`` ended, or None while it runs (or was never started)."""
         child = self._children.get(name)

@@ -3,14 +3,14 @@
 from math import pi
 
 import pytest
-from tests.deploy.synthetic import MS, Life
 
 from common.schemas import Gait, GaitOutcome, Header
-from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
+from common.topics import HEALTH, PLANT_STATE
 from deploy.run_summary import RunSummary
-from deploy.scoring import Pose2, Track, commanded_motions
+from deploy.scoring import Pose2, commanded_motions
 from deploy.summary import spread, summarise
 from services.wbc.config import GaitConfig
+from tests.deploy.synthetic import MS, Life
 
 
 def test_gait_motion_is_measured_in_the_heading_at_its_start() -> None:
@@ -31,7 +31,7 @@ def test_a_turn_on_the_spot_is_no_distance() -> None:
     (run,) = summary.gait_runs
     assert run.turn_deg == pytest.approx(0.3 * 180 / pi)
     assert abs(run.forward) < 1e-12
-    assert summary.walk.path_length == 0.0
+    assert summary.walk.distance < 1e-12
 
 
 def test_walk_composes_the_commands_of_completed_gaits() -> None:
@@ -50,15 +50,28 @@ def test_walk_composes_the_commands_of_completed_gaits() -> None:
     assert (walk.forward, walk.left) == pytest.approx((0.2, 0.17))
     assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((90.0, 90.0))
     assert walk.end_error == pytest.approx(0.03)
-    assert walk.path_length == pytest.approx(0.37, abs=0.021)
+    assert (walk.distance, walk.commanded_distance) == pytest.approx((0.37, 0.4))
 
 
 def test_turns_add_up_beyond_half_a_turn() -> None:
-    life, track = Life(), Track()
-    for step in range(41):
-        _, truth = life.plant(PLANT_TRUTH, 0.0, 0.0, step * 0.1)
-        track.add(truth)  # type: ignore[arg-type]
-    assert track.turned == pytest.approx(4.0)
+    life, turn = Life(), pi / 2
+    messages = [
+        pair
+        for number in range(3)
+        for pair in life.gait(
+            number, Gait.TURN_LEFT, (0, 0, number * turn), (0, 0, (number + 1) * turn)
+        )
+    ]
+    walk = summarise(messages, commanded={Gait.TURN_LEFT: Pose2(yaw=turn)}).walk
+    assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((270.0, 270.0))
+    assert walk.end_error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_gait_that_did_not_end_is_not_part_of_the_walk() -> None:
+    life = Life()
+    unended = list(life.gait(1, Gait.FORWARD, (0.2, 0, 0), (0.3, 0, 0)))[:-1]
+    walk = summarise([*life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)), *unended]).walk
+    assert (walk.forward, walk.commanded_forward) == pytest.approx((0.2, 0.2))
 
 
 def test_gaits_are_counted_by_type_and_outcome() -> None:
@@ -141,7 +154,7 @@ def test_services_keep_totals_and_the_worst_window() -> None:
     wbc = services["wbc"]
     assert wbc.deadline_misses == 5
     assert wbc.step_median_ms == pytest.approx(2.0)
-    assert wbc.step_p99_ms == pytest.approx(9.0)
+    assert (wbc.step_p99_ms, wbc.step_p99_worst_ms) == pytest.approx((4.0, 9.0))
     assert (wbc.input_gaps, wbc.input_refused) == (2, 1)
 
 

@@ -1,0 +1,159 @@
+"""The whole system under a scripted operator, watched until the script ends."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from common.bus.config import BusConfig
+from deploy.board import View
+from deploy.monitor import TICK, Screen, Watch
+from deploy.ports import reserve_base_port
+from deploy.process import Exit, terminated_as_interrupted
+from deploy.run_summary import Outcome
+from deploy.supervisor import Supervisor
+from deploy.system import (
+    SystemOptions,
+    bus_of,
+    environment,
+    new_run_dir,
+    robot_processes,
+    scripted_operator,
+)
+
+FALL_AFTERMATH = 1.0
+"""How long a fall is watched before everything stops [s]."""
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """How to run the demonstration.
+
+    Attributes:
+        system: the robot's side.
+        script: what the operator plays: a built-in name or a JSON file.
+        seconds: end well after this long, wherever the script is; None: play it to its end.
+        timeout: the script has failed if it is not done by then [s].
+        base_port: take this block of ports instead of a free one.
+        live: force (or forbid) the live table; None decides by the terminal.
+    """
+
+    system: SystemOptions = field(default_factory=SystemOptions)
+    script: str = "demo"
+    seconds: float | None = None
+    timeout: float = 600.0
+    base_port: int | None = None
+    live: bool | None = None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Why a run ended."""
+
+    outcome: Outcome
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A finished run: where its files are and how it ended."""
+
+    run_dir: Path
+    verdict: Verdict
+
+
+class Judge:
+    """Decides, look by look, whether a run is over and why. Pure."""
+
+    def __init__(self, operator: str, seconds: float | None, timeout: float) -> None:
+        """Judge a run whose operator is the process ``operator``."""
+        self._operator = operator
+        self._seconds = seconds
+        self._timeout = timeout
+        self._fell_at: float | None = None
+
+    def verdict(
+        self, elapsed: float, view: View, exits: Sequence[tuple[Exit, bool]]
+    ) -> Verdict | None:
+        """The verdict, or None while the run goes on.
+
+        Args:
+            elapsed: since the start [s].
+            view: the bus as last seen.
+            exits: processes that just ended, each with whether it was essential.
+        """
+        if self._fell_at is None and view.plant is not None and view.plant.fallen:
+            self._fell_at = elapsed
+        if self._fell_at is not None:
+            # A script that fails because the robot fell is not the reason but the consequence.
+            over = elapsed >= self._fell_at + FALL_AFTERMATH
+            return Verdict("fell", self._where(view)) if over else None
+        for ended, essential in exits:
+            if ended.restarted or not essential:
+                continue
+            if ended.name == self._operator:
+                return self._operator_ended(ended, view)
+            return Verdict("service died", ended.describe())
+        if self._seconds is not None and elapsed >= self._seconds:
+            return Verdict("completed", f"stopped after {self._seconds:g} s, as asked")
+        if elapsed >= self._timeout:
+            return Verdict("timed out", f"not done after {self._timeout:g} s; {self._where(view)}")
+        return None
+
+    @staticmethod
+    def _operator_ended(ended: Exit, view: View) -> Verdict:
+        if ended.expected:
+            return Verdict("completed")
+        failed = view.operator.failed if view.operator is not None else ""
+        return Verdict("script failed", failed or ended.describe())
+
+    @staticmethod
+    def _where(view: View) -> str:
+        if view.operator is None:
+            return "the operator was not heard"
+        at = view.operator
+        return f"at step {at.step} of {at.steps} of the script: {at.label or 'its beginning'}"
+
+
+def run_demo(options: DemoOptions) -> Ended:
+    """Start everything, watch until the verdict, stop everything.
+
+    Raises:
+        DeployError: the system cannot be started.
+        BusError: the live table cannot reach the bus.
+    """
+    run_dir = new_run_dir()
+    known = bus_of(options.base_port, options.system.config)
+    with reserve_base_port(known.host, options.base_port) as port:
+        bus = known.model_copy(update={"base_port": port})
+        supervisor = Supervisor(
+            [*robot_processes(options.system, run_dir), scripted_operator(options.script)],
+            run_dir / "logs",
+            environment(port, options.system.config),
+        )
+        try:
+            with terminated_as_interrupted(), supervisor:
+                verdict = _watch(supervisor, bus, options, run_dir)
+        except KeyboardInterrupt:
+            verdict = Verdict("interrupted", "stopped from outside")
+    return Ended(run_dir, verdict)
+
+
+def _watch(supervisor: Supervisor, bus: BusConfig, options: DemoOptions, run_dir: Path) -> Verdict:
+    """Show the live table until there is a verdict."""
+    judge = Judge("teleop", options.seconds, options.timeout)
+    title = f"trill demo  {run_dir}  base port {bus.base_port}"
+    started = time.monotonic()
+    with Watch(bus) as seen, Screen(title, live=options.live) as screen:
+        screen.say(f"{title}: started {', '.join(supervisor.running())}")
+        while True:
+            view = seen.look()
+            screen.show(view)
+            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
+            for ended, _ in exits:
+                if not ended.expected:
+                    screen.say(ended.describe())
+            verdict = judge.verdict(time.monotonic() - started, view, exits)
+            if verdict is not None:
+                return verdict
+            time.sleep(TICK)

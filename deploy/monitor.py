@@ -1,0 +1,123 @@
+"""The live table: listens to everything on the bus and draws it twice a second.
+
+On a terminal it is a table that redraws itself; elsewhere (a pipe, a log file) a line every few
+seconds.
+"""
+
+import contextlib
+import sys
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+
+from common.bus.config import BusConfig
+from common.bus.session import open_session
+from common.bus.tap import RawTap
+from deploy.board import Board, View
+from deploy.table import draw, line
+
+SERVICE = "top"
+"""Not in the port table on purpose: any number of monitors may watch one system."""
+REDRAW_PERIOD = 0.5
+LINE_PERIOD = 5.0
+TICK = 0.05
+"""Between looks at the bus [s]."""
+
+
+class Watch:
+    """A board fed from the bus; a context manager."""
+
+    def __init__(self, bus: BusConfig) -> None:
+        """Prepare to watch ``bus``; nothing is opened yet."""
+        self.board = Board(bus.robot)
+        self._bus = bus
+
+    def __enter__(self) -> "Watch":
+        """Open the bus.
+
+        Raises:
+            BusError: the bus cannot be opened.
+        """
+        self._session: Any = open_session(self._bus, SERVICE)
+        self._tap = RawTap(self._session, self._bus.robot)
+        return self
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> None:
+        self._tap.close()
+        self._session.close()
+
+    def look(self) -> View:
+        """Take in what arrived and return everything there is to show."""
+        self.board.note(self._tap.drain())
+        return self.board.view(time.monotonic_ns())
+
+
+class Screen:
+    """Shows views: a live table on a terminal, else lines; a context manager."""
+
+    def __init__(self, title: str, *, live: bool | None = None) -> None:
+        """``live`` forces a table or lines; None decides by the standard output."""
+        self._title = title
+        self._console = Console()
+        self._live: Live | None = None
+        if sys.stdout.isatty() if live is None else live:
+            self._live = Live(console=self._console, auto_refresh=False)
+        self._due = 0.0
+
+    def __enter__(self) -> "Screen":
+        """Take the terminal."""
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        _kind: type[BaseException] | None,
+        _error: BaseException | None,
+        _trace: TracebackType | None,
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def show(self, view: View) -> None:
+        """Draw ``view`` if it is time to; call as often as you like."""
+        now = time.monotonic()
+        if now < self._due:
+            return
+        if self._live is not None:
+            self._due = now + REDRAW_PERIOD
+            self._live.update(draw(view, self._title), refresh=True)
+        else:
+            self._due = now + LINE_PERIOD
+            print(line(view), flush=True)
+
+    def say(self, text: str) -> None:
+        """Print ``text`` above the table, or as a line."""
+        if self._live is not None:
+            self._console.print(text, markup=False, highlight=False)
+        else:
+            print(text, flush=True)
+
+
+def watch(bus: BusConfig, title: str, going_on: Callable[[View], bool]) -> None:
+    """Show the live table until ``going_on`` says no or Ctrl-C.
+
+    Raises:
+        BusError: the bus cannot be opened.
+    """
+    with contextlib.suppress(KeyboardInterrupt), Watch(bus) as seen, Screen(title) as screen:
+        while True:
+            view = seen.look()
+            screen.show(view)
+            if not going_on(view):
+                return
+            time.sleep(TICK)

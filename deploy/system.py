@@ -1,0 +1,162 @@
+"""Which processes make up the system, and where a run leaves its files."""
+
+import os
+import platform
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from common.bus.config import BusConfig, bus_config, read_config_file
+from deploy.errors import DeployError
+from deploy.process import ProcessSpec, Restart
+
+RUNS = Path("runs")
+"""Where runs are kept, below the current directory."""
+LOG_FILE = "log.mcap"
+PACKAGES = ("trill", "eclipse-zenoh", "numpy", "pydantic", "mujoco", "pin", "osqp", "daqp")
+
+# The plant stops first: without commands it would hold, go limp and be seen falling. The logger
+# stops last, so that the log has the end of all others.
+_FIRST, _THEN, _LAST = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class SystemOptions:
+    """What the person who starts the system chose.
+
+    Attributes:
+        mode: torque limits, ``relaxed`` (as the public TRILL simulation) or ``rated`` (the URDF's).
+        cameras: whether the robot sees.
+        record: whether everything is logged.
+        config: TOML file for the whole stack, or None.
+        restart: what happens to a service that fails.
+    """
+
+    mode: str = "relaxed"
+    cameras: bool = True
+    record: bool = True
+    config: Path | None = None
+    restart: Restart = Restart.NEVER
+
+
+def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
+    """The robot's side: logger, plant, cameras, controller."""
+    limits = ("--torque-mode", options.mode)
+    return [
+        ProcessSpec(
+            "logger",
+            "services.logger",
+            ("--out", str(run_dir)),
+            wanted=options.record,
+            stop_wave=_LAST,
+        ),
+        ProcessSpec("sim", "services.sim", limits, options.restart, stop_wave=_FIRST),
+        ProcessSpec(
+            "cameras",
+            "services.sim.cameras",
+            wanted=options.cameras,
+            essential=False,
+            stop_wave=_THEN,
+        ),
+        ProcessSpec("wbc", "services.wbc", limits, options.restart, stop_wave=_THEN),
+    ]
+
+
+def scripted_operator(script: str) -> ProcessSpec:
+    """An operator that plays ``script`` and ends."""
+    return ProcessSpec(
+        "teleop",
+        "services.teleop",
+        ("scripted", "--script", script),
+        may_finish=True,
+        stop_wave=_FIRST,
+    )
+
+
+def keyboard_operator() -> ProcessSpec:
+    """A person at this terminal."""
+    return ProcessSpec(
+        "teleop",
+        "services.teleop",
+        ("keyboard",),
+        foreground=True,
+        may_finish=True,
+        stop_wave=_FIRST,
+    )
+
+
+def environment(base_port: int, config: Path | None) -> dict[str, str]:
+    """Variables that bring all processes of one system together."""
+    variables = {"TRILL_BASE_PORT": str(base_port)}
+    if config is not None:
+        variables["TRILL_CONFIG"] = str(config.resolve())
+    return variables
+
+
+def bus_of(base_port: int | None, config: Path | None, robot: str | None = None) -> BusConfig:
+    """The bus as the services of such a system see it.
+
+    Raises:
+        ConfigError: the file or an environment variable is wrong.
+    """
+    chosen = config or (Path(text) if (text := os.environ.get("TRILL_CONFIG")) else None)
+    table = read_config_file(chosen).get("bus") if chosen else None
+    return bus_config(table, {"base_port": base_port, "robot": robot})
+
+
+def new_run_dir(root: Path = RUNS) -> Path:
+    """Make ``<root>/<date-time>``, with a suffix if two runs start in one second.
+
+    Raises:
+        DeployError: it cannot be made.
+    """
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    for suffix in ("", *(f"-{number}" for number in range(2, 100))):
+        path = root / f"{stamp}{suffix}"
+        try:
+            path.mkdir(parents=True)
+        except FileExistsError:
+            if not root.is_dir():
+                raise DeployError(f"{root} is in the way: it is no directory") from None
+            continue
+        except OSError as error:
+            raise DeployError(
+                f"cannot make the run directory {path}: {error.strerror}; start from a directory "
+                "you may write to"
+            ) from error
+        return path
+    raise DeployError(f"too many runs at {stamp} in {root}")
+
+
+def versions() -> dict[str, str]:
+    """Versions and machine, for the record."""
+    found = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpus": str(os.cpu_count()),
+    }
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    commit = _commit()
+    return found | ({"commit": commit} if commit else {})
+
+
+def _commit() -> str:
+    """Short hash of the source tree's commit; empty outside a repository."""
+    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
+    try:
+        ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return ended.stdout.strip()
+
+
+def terminal() -> bool:
+    """Whether a person is at this process's input and output."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
