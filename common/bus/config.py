@@ -1,0 +1,209 @@
+"""Configuration of the bus and the scheme by which services find each other.
+
+Every known service has its own TCP port (:data:`PORT_OFFSETS` above a base port) on which it
+listens, and keeps trying to connect to the ports of all the others. So services on one machine
+find each other without a router, without multicast and in any starting order, and a restarted
+one is found again. Several stacks run side by side on different base ports. A service that is
+not in the table listens on a port the system picks and connects to the whole table.
+
+Two peers of which neither reaches the other's listening port exchange nothing, silently; a
+service behind a router or a firewall therefore has to use ``mode="client"``.
+"""
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from common.errors import ConfigError
+
+DEFAULT_BASE_PORT = 7448
+
+PORT_OFFSETS: Mapping[str, int] = {
+    "sim": 0,
+    "wbc": 1,
+    "teleop": 2,
+    "logger": 3,
+    "monitor": 4,
+    "policy": 5,
+    "plant": 6,
+    "bridge": 7,
+}
+"""Known services; each listens on the base port plus its offset."""
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)]
+"""A robot's or a service's name: one chunk of a key expression."""
+
+
+class BusConfig(BaseModel):
+    """How a process reaches the bus.
+
+    Durations are whole milli- or microseconds because the transport takes them so. The defaults
+    keep a publisher from ever waiting for a slow subscriber for more than a few milliseconds.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    robot: Name = Field(default="draco3", description="first part of every key")
+    mode: Literal["peer", "client", "router"] = "peer"
+    host: str = Field(default="127.0.0.1", description="address of this machine's port table")
+    base_port: int = Field(default=DEFAULT_BASE_PORT, ge=1024, le=65000)
+    listen: tuple[str, ...] | None = Field(
+        default=None, description="endpoints to listen on; None: this service's port in the table"
+    )
+    connect: tuple[str, ...] | None = Field(
+        default=None, description="endpoints to connect to; None: every other port of the table"
+    )
+    lease_ms: int = Field(
+        default=1500, ge=100, le=60_000, description="a silent link is given up after this long"
+    )
+    retry_initial_ms: int = Field(default=100, ge=10, le=10_000)
+    retry_max_ms: int = Field(default=500, ge=10, le=60_000)
+    queue_size: int = Field(default=16, ge=1, le=16, description="batches queued per priority")
+    drop_wait_us: int = Field(
+        default=500, ge=0, le=100_000, description="a full queue delays a publisher this long"
+    )
+    drop_wait_fragments_us: int = Field(
+        default=3000, ge=0, le=1_000_000, description="the same for a message of many fragments"
+    )
+    shared_memory: bool = False
+    zenoh: dict[str, Any] = Field(
+        default_factory=dict,
+        description="laid over the generated Zenoh configuration, e.g. TLS or access control",
+    )
+
+    def listen_endpoints(self, service: str) -> list[str]:
+        """Where ``service`` listens; clients listen nowhere unless told to."""
+        if self.listen is not None:
+            return list(self.listen)
+        if self.mode == "client":
+            return []
+        offset = PORT_OFFSETS.get(service)
+        port = 0 if offset is None else self.base_port + offset
+        return [self._endpoint(port)]
+
+    def connect_endpoints(self, service: str) -> list[str]:
+        """Whom ``service`` connects to."""
+        if self.connect is not None:
+            return list(self.connect)
+        return [
+            self._endpoint(self.base_port + offset)
+            for name, offset in PORT_OFFSETS.items()
+            if name != service
+        ]
+
+    def zenoh_config(self, service: str) -> dict[str, Any]:
+        """The Zenoh configuration of ``service``, ready to be written as JSON."""
+        queue_names = ("real_time", "interactive_high", "interactive_low", "data", "data_low")
+        base: dict[str, Any] = {
+            "mode": self.mode,
+            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
+            "listen": {"endpoints": self.listen_endpoints(service)},
+            "connect": {
+                "endpoints": self.connect_endpoints(service),
+                "timeout_ms": 0 if self.mode == "client" else -1,
+                "exit_on_failure": False,
+                "retry": {
+                    "period_init_ms": self.retry_initial_ms,
+                    "period_max_ms": self.retry_max_ms,
+                    "period_increase_factor": 1.5,
+                },
+            },
+            "timestamping": {"enabled": True},
+            "transport": {
+                "link": {
+                    "tx": {
+                        "lease": self.lease_ms,
+                        "queue": {
+                            "size": dict.fromkeys(queue_names, self.queue_size),
+                            "congestion_control": {
+                                "drop": {
+                                    "wait_before_drop": self.drop_wait_us,
+                                    "max_wait_before_drop_fragments": self.drop_wait_fragments_us,
+                                },
+                                "block": {"wait_before_close": 20_000},
+                            },
+                        },
+                    }
+                },
+                "shared_memory": {"enabled": self.shared_memory},
+            },
+        }
+        return _merged(base, self.zenoh)
+
+    def _endpoint(self, port: int) -> str:
+        return f"tcp/{self.host}:{port}"
+
+
+def _merged(base: dict[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``base`` with ``overlay`` laid over it, tables merged recursively."""
+    result = dict(base)
+    for key, value in overlay.items():
+        old = result.get(key)
+        if isinstance(old, dict) and isinstance(value, Mapping):
+            result[key] = _merged(old, value)
+        else:
+            result[key] = value
+    return result
+
+
+def read_config_file(path: Path) -> dict[str, Any]:
+    """Read a TOML file of tables.
+
+    Raises:
+        ConfigError: the file cannot be read or is not TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(
+            f"cannot read the configuration {path}: {error}; expected a TOML file with tables such "
+            "as [bus], [links] and [runtime]"
+        ) from error
+
+
+_ENVIRONMENT = {
+    "TRILL_ROBOT": "robot",
+    "TRILL_MODE": "mode",
+    "TRILL_HOST": "host",
+    "TRILL_BASE_PORT": "base_port",
+    "TRILL_LISTEN": "listen",
+    "TRILL_CONNECT": "connect",
+}
+
+
+def bus_config(
+    table: Mapping[str, Any] | None = None,
+    arguments: Mapping[str, Any] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> BusConfig:
+    """Combine defaults, a file's ``[bus]`` table, ``TRILL_*`` variables and arguments.
+
+    Later ones win: arguments over environment over file over defaults. ``TRILL_LISTEN`` and
+    ``TRILL_CONNECT`` are lists of endpoints separated by commas; an argument of None counts as
+    not given.
+
+    Raises:
+        ConfigError: a value does not fit :class:`BusConfig`.
+    """
+    environment = os.environ if environment is None else environment
+    values: dict[str, Any] = dict(table or {})
+    for variable, field in _ENVIRONMENT.items():
+        text = environment.get(variable)
+        if not text:
+            continue
+        is_list = field in {"listen", "connect"}
+        values[field] = split_list(text) if is_list else text
+    values |= {key: value for key, value in (arguments or {}).items() if value is not None}
+    try:
+        return BusConfig.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError(f"the bus configuration is wrong: {error}") from error
+
+
+def split_list(text: str) -> tuple[str, ...]:
+    """Split a comma-separated list, ignoring blanks."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())

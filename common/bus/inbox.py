@@ -1,0 +1,259 @@
+"""What a service sees of its inputs, fed from any thread and read once a step.
+
+Where decoding happens. The transport's thread only appends payload and arrival time to a bounded
+queue (a slow callback would hold up every other topic of the session, and would take the
+interpreter lock from the control loop at any moment). The service's own thread decodes at the
+start of its step, and decodes *every* waiting message, not just the newest of a latest-value
+topic. That costs about ten microseconds for each message skipped over, and buys exactness:
+sequence gaps and refusals are counted message by message, and when the newest payload is garbage
+the value shown is the newest good one before it. Should a latest-value topic pile up more than
+:data:`LATEST_BACKLOG` payloads (a service that stood still), the oldest are let go undecoded;
+they are counted as ``skipped`` and not as gaps, since the link did deliver them.
+
+A link with a delay puts its :class:`~common.bus.delay.DelayLine` between queue and decoding. It
+too lives in the service's thread: a message's arrival is then its due time exactly, whenever the
+step comes that finds it, and no thread of its own competes with the step.
+"""
+
+import threading
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import inf
+from typing import Any, TypeVar, cast
+
+from common.bus.delay import DelayLine, DelayStats
+from common.bus.links import Links, link_seed
+from common.bus.slot import NEVER, Slot
+from common.errors import TrillError
+from common.schemas import LinkHealth, Message
+from common.topics import Delivery, Topic
+
+M = TypeVar("M", bound=Message)
+
+_ALIVE_PERIODS = 10.0
+_RATE_TOLERANCE = 0.8
+
+
+@dataclass(frozen=True)
+class InputStatus:
+    """Health of one input as of the current step; durations in seconds."""
+
+    updated: bool
+    """A good message was taken in this step."""
+    alive: bool
+    """Something arrived within ten nominal periods (for events: ever)."""
+    fresh: bool
+    """The last good message arrived within the topic's ``max_age``."""
+    valid: bool
+    """The last message that arrived was good."""
+    rate_ok: bool
+    """Arrivals come at 80 % of the nominal rate at least (for events: always)."""
+    rate: float
+    """Arrivals per second over the last second."""
+    age: float
+    """Since the last good message arrived; infinity before the first."""
+    received: int
+    gaps: int
+    """Missing by sequence number, so far."""
+    refused: int
+    late: int
+    """Arrived after a newer one of the same publisher; not shown for latest-value topics."""
+    skipped: int
+    """Let go undecoded because the service did not come to read."""
+    restarts: int
+    """Times a publisher unknown so far appeared after the first."""
+    last_refusal: str
+
+
+class Inbox:
+    """Implements :class:`common.runtime.service.Inputs` and feeds on raw payloads.
+
+    One thread may call :meth:`offer` per topic; everything else belongs to the service's thread.
+    """
+
+    def __init__(
+        self,
+        topics: Iterable[Topic[Any]],
+        *,
+        service: str = "",
+        links: Links | None = None,
+        seed: int = 0,
+        trigger: Topic[Any] | None = None,
+    ) -> None:
+        """Create an empty inbox.
+
+        Args:
+            topics: what the service reads.
+            service: its name, which chooses among ``links`` and seeds them.
+            links: delays to inject.
+            seed: the run's seed for links without their own.
+            trigger: topic whose arrivals wake :meth:`wait`.
+        """
+        links = links or Links()
+        self._slots: dict[str, Slot] = {}
+        for topic in topics:
+            spec = links.of(service, topic.name)
+            line: DelayLine[Any] | None = None
+            if spec is not None:
+                line = DelayLine(spec, link_seed(seed, service, topic.name))
+            self._slots[topic.name] = Slot(topic, line)
+        self._all = tuple(self._slots.values())
+        self._linked = tuple(slot for slot in self._all if slot.line is not None)
+        self._trigger = self._slots[trigger.name] if trigger is not None else None
+        self._wake = threading.Event()
+        self._stale: list[Slot] = []
+        self._arrived = False
+        self._now = 0
+
+    def offer(
+        self, topic_name: str, payload: bytes, arrival_ns: int, tag: str | None = None
+    ) -> None:
+        """Put in what arrived; nothing is decoded here.
+
+        Args:
+            topic_name: one of the topics the inbox was made for.
+            payload: the bytes received.
+            arrival_ns: when, on the clock of :meth:`begin_step`.
+            tag: the schema's name according to the sender; None if known to be right.
+        """
+        slot = self._slots[topic_name]
+        slot.put(payload, arrival_ns, tag)
+        self._arrived = True
+        if slot is self._trigger:
+            self._wake.set()
+
+    def begin_step(self, now_ns: int) -> None:
+        """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
+        self._now = now_ns
+        if self._stale:
+            for slot in self._stale:
+                slot.end_step()
+            self._stale.clear()
+        if self._linked:
+            self._advance_links(now_ns)
+        if self._arrived:
+            # Cleared before looking: what arrives meanwhile sets it again for the next step.
+            self._arrived = False
+            for slot in self._all:
+                if slot.ready and slot.take():
+                    self._stale.append(slot)
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """Last good message of a latest-value topic; None before the first."""
+        return cast("M | None", self._slot(topic).value)
+
+    def latest_by_source(self, topic: Topic[M]) -> dict[str, M]:
+        """Last good message of a per-source topic from each source."""
+        return cast("dict[str, M]", dict(self._slot(topic).by_source))
+
+    def updated(self, topic: Topic[Any]) -> bool:
+        """Whether a good message arrived since the previous step."""
+        return self._slot(topic).updated
+
+    def fresh(self, topic: Topic[Any]) -> bool:
+        """Whether the last good message arrived within the topic's ``max_age``."""
+        slot = self._slot(topic)
+        return slot.value is not None and 1e-9 * (self._now - slot.good_ns) <= topic.max_age
+
+    def age(self, topic: Topic[Any]) -> float:
+        """Seconds since the last good message arrived (infinity before the first)."""
+        return self._age(self._slot(topic))
+
+    def events(self, topic: Topic[M]) -> list[M]:
+        """Messages of an event topic since the previous step, oldest first."""
+        return cast("list[M]", list(self._slot(topic).events))
+
+    def status(self, topic: Topic[Any]) -> InputStatus:
+        """Everything known about one input as of the current step."""
+        slot = self._slot(topic)
+        rate = slot.rate(self._now)
+        silent = 1e-9 * (self._now - slot.arrival_ns) if slot.received else inf
+        return InputStatus(
+            updated=slot.updated,
+            alive=silent <= (_ALIVE_PERIODS / topic.rate if topic.rate else inf) and silent < inf,
+            fresh=self.fresh(topic),
+            valid=slot.valid,
+            rate_ok=rate >= _RATE_TOLERANCE * topic.rate,
+            rate=rate,
+            age=self._age(slot),
+            received=slot.received + slot.skipped,
+            gaps=slot.gaps,
+            refused=slot.refused,
+            late=slot.late,
+            skipped=slot.skipped,
+            restarts=slot.restarts,
+            last_refusal=slot.last_refusal,
+        )
+
+    def link_health(self) -> list[LinkHealth]:
+        """Health of every input, as published in :class:`~common.schemas.ServiceHealth`."""
+        health = []
+        for slot in self._all:
+            age = self._age(slot)
+            health.append(
+                LinkHealth(
+                    topic=slot.topic.name,
+                    received=slot.received + slot.skipped,
+                    rate=slot.rate(self._now),
+                    age=-1.0 if age == inf else max(0.0, age),
+                    gaps=slot.gaps,
+                    refused=slot.refused,
+                    last_refusal=slot.last_refusal,
+                )
+            )
+        return health
+
+    def delay_stats(self) -> dict[str, DelayStats]:
+        """Requested and achieved delay of every link that has one, by topic name."""
+        return {slot.topic.name: slot.line.stats() for slot in self._linked if slot.line}
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until a payload of the trigger topic arrives; False if time ran out."""
+        return self._wake.wait(timeout_s)
+
+    def wake(self) -> None:
+        """End a :meth:`wait` now, from any thread."""
+        self._wake.set()
+
+    def trigger_arrival(self, now_ns: int) -> int | None:
+        """When the trigger topic last arrived or fell due, if since the last call; else None."""
+        self._wake.clear()
+        slot = self._trigger
+        if slot is None:
+            return None
+        if slot.line is not None:
+            self._advance_links(now_ns)
+        arrival = slot.last_put_ns
+        if arrival == slot.seen_put_ns:
+            return None
+        slot.seen_put_ns = arrival
+        return arrival
+
+    @property
+    def next_trigger_due_ns(self) -> int:
+        """When the next delayed message of the trigger topic falls due [ns]."""
+        slot = self._trigger
+        return slot.line.next_due_ns if slot is not None and slot.line is not None else NEVER
+
+    def _advance_links(self, now_ns: int) -> None:
+        """Move what arrived into the delay lines and what fell due out of them."""
+        for slot in self._linked:
+            if slot.release(now_ns):
+                self._arrived = True
+
+    def _age(self, slot: Slot) -> float:
+        return 1e-9 * (self._now - slot.good_ns) if slot.value is not None else inf
+
+    def _slot(self, topic: Topic[Any]) -> Slot:
+        slot = self._slots.get(topic.name)
+        if slot is None:
+            raise TrillError(
+                f"topic {topic.name!r} is not among this service's inputs "
+                f"({', '.join(self._slots) or 'none'}); add it to the service's `reads`"
+            )
+        return slot
+
+
+def is_event(topic: Topic[Any]) -> bool:
+    """Whether each message of ``topic`` matters by itself."""
+    return topic.delivery is Delivery.EVENT

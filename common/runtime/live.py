@@ -1,0 +1,234 @@
+"""Runs one service live: one process, the wall's monotonic clock, Zenoh."""
+
+import gc
+import logging
+import signal
+import threading
+import time
+from collections.abc import Sequence
+from types import FrameType
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from common.bus.config import BusConfig
+from common.bus.inbox import Inbox
+from common.bus.links import Links
+from common.bus.publisher import Publisher
+from common.bus.session import BusError, new_boot_id, open_session
+from common.bus.subscriptions import subscribe
+from common.errors import SchemaError, TrillError
+from common.runtime.loopstats import LoopStats
+from common.runtime.pacing import ClockPace, TriggerPace
+from common.runtime.realtime import DEFAULT_PRIORITY
+from common.runtime.service import Output, Service
+from common.topics import HEALTH
+
+_log = logging.getLogger(__name__)
+
+_LONGEST_SLEEP_S = 0.1
+"""A signal is noticed within this time."""
+_HEALTH_PERIOD_NS = 500_000_000
+_COLLECT_PERIOD_NS = 1_000_000_000
+
+
+class RuntimeConfig(BaseModel):
+    """How a live service is run."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    rt_priority: int = Field(
+        default=DEFAULT_PRIORITY, ge=0, le=99, description="SCHED_FIFO priority; 0: normal"
+    )
+    spin_us: int = Field(
+        default=100, ge=0, le=2000, description="last part of a wait that is not slept away"
+    )
+    seed: int = Field(default=0, ge=0, description="of links without their own")
+
+
+class LiveRunner:
+    """Paces a service, feeds it from the bus and publishes what it returns.
+
+    A service with a trigger is stepped when a message of that topic arrives (see
+    :class:`~common.runtime.pacing.TriggerPace`), any other on a fixed grid. A step that comes too
+    late is not made up for. Cyclic garbage is collected between steps only, once a second.
+    """
+
+    def __init__(
+        self,
+        service: Service,
+        bus: BusConfig,
+        *,
+        links: Links | None = None,
+        runtime: RuntimeConfig | None = None,
+        realtime: str = "normal",
+    ) -> None:
+        """Prepare; nothing is opened yet.
+
+        Args:
+            service: what to run.
+            bus: how to reach the bus.
+            links: delays to inject on its inputs.
+            runtime: pacing options.
+            realtime: the scheduling in force, for the health message.
+        """
+        self._service = service
+        self._bus = bus
+        self._runtime = runtime or RuntimeConfig()
+        self._realtime = realtime
+        self._stopping = False
+        self.inbox = Inbox(
+            service.reads,
+            service=service.name,
+            links=links,
+            seed=self._runtime.seed,
+            trigger=service.trigger,
+        )
+        self._stats = LoopStats(service, realtime)
+        self._publishers: dict[str, Publisher[Any]] = {}
+        self._next_health = self._next_collect = 0
+
+    def stop(self) -> None:
+        """End :meth:`run` after the current step, from any thread."""
+        self._stopping = True
+        self.inbox.wake()
+
+    def run(self) -> int:
+        """Run until :meth:`stop`, SIGINT, SIGTERM, the service ends itself or an error.
+
+        Returns:
+            exit code: 0 when stopped, the service's own if it set one, 1 after an error (logged
+            with its traceback).
+        """
+        self._handle_signals()
+        try:
+            session: Any = open_session(self._bus, self._service.name)
+        except BusError as error:
+            _log.error("%s", error)
+            self._service.close()
+            return 1
+        _log.info(
+            "%s is on the bus of %s, scheduling: %s",
+            self._service.name,
+            self._bus.robot,
+            self._realtime,
+        )
+        code = 0
+        try:
+            self._open_topics(session)
+            self._loop()
+            code = self._service.exit_code or 0
+        except Exception:  # noqa: BLE001 - whatever a service raises ends its process
+            _log.exception("%s failed", self._service.name)
+            code = 1
+        finally:
+            gc.enable()
+            gc.unfreeze()
+            try:
+                self._service.close()
+            finally:
+                session.close()
+        return code
+
+    def _open_topics(self, session: Any) -> None:
+        """Declare publishers and subscribers."""
+        boot = new_boot_id()
+        service = self._service
+        for topic in {t.name: t for t in (*service.writes, HEALTH)}.values():
+            self._publishers[topic.name] = Publisher(
+                session, self._bus.robot, topic, service.name, boot
+            )
+        self._subscribers = subscribe(session, self._bus.robot, self.inbox, service.reads)
+
+    def _loop(self) -> None:
+        """Step until stopped."""
+        # Everything loaded so far stays: without this, the collector would walk through all of
+        # it time and again, for tens of milliseconds.
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        now = time.monotonic_ns()
+        self._next_health = self._next_collect = now
+        period, trigger = self._service.period_ns, self._service.trigger
+        if trigger is None:
+            self._loop_on_clock(ClockPace(period, now))
+        else:
+            interval = round(1e9 / trigger.rate) if trigger.rate else period
+            self._loop_on_trigger(TriggerPace(period, interval, now))
+
+    def _loop_on_clock(self, pace: ClockPace) -> None:
+        while self._sleep_until(pace.due_ns):
+            started = time.monotonic_ns()
+            self._step(started)
+            ended = time.monotonic_ns()
+            self._stats.count(ended - started, pace.ended(ended))
+            self._between_steps(ended)
+
+    def _loop_on_trigger(self, pace: TriggerPace) -> None:
+        inbox = self.inbox
+        while not self._stopping:
+            now = time.monotonic_ns()
+            arrival = inbox.trigger_arrival(now)
+            if arrival is None or not pace.accepts(arrival):
+                if now < pace.due_ns:
+                    wake_at = min(pace.due_ns, inbox.next_trigger_due_ns)
+                    inbox.wait(min(max(0.0, 1e-9 * (wake_at - now)), _LONGEST_SLEEP_S))
+                    continue
+                pace.timed_out(now)
+            self._step(now)
+            ended = time.monotonic_ns()
+            self._stats.count(ended - now, pace.ended(ended, now))
+            self._between_steps(ended)
+
+    def _sleep_until(self, due_ns: int) -> bool:
+        """Sleep, the last part awake; False if the service is to stop."""
+        spin_ns = 1000 * self._runtime.spin_us
+        while not self._stopping:
+            left = due_ns - time.monotonic_ns()
+            if left <= 0:
+                return True
+            if left > spin_ns:
+                time.sleep(min(1e-9 * (left - spin_ns), _LONGEST_SLEEP_S))
+            else:
+                time.sleep(0)  # lets the transport's threads have the interpreter
+        return False
+
+    def _step(self, now_ns: int) -> None:
+        self.inbox.begin_step(now_ns)
+        self._publish(self._service.step(self.inbox, now_ns))
+        if self._service.exit_code is not None:
+            self._stopping = True
+
+    def _publish(self, outputs: Sequence[Output]) -> None:
+        for output in outputs:
+            publisher = self._publishers.get(output.topic.name)
+            if publisher is None:
+                raise TrillError(
+                    f"{self._service.name} published {output.topic.name!r}; expected one of its "
+                    f"`writes`: {', '.join(t.name for t in self._service.writes) or 'none'}"
+                )
+            publisher.send(output.message)
+
+    def _between_steps(self, now_ns: int) -> None:
+        """Publish health twice a second and collect garbage once."""
+        if now_ns >= self._next_health:
+            self._next_health = max(self._next_health + _HEALTH_PERIOD_NS, now_ns)
+            try:
+                self._publishers[HEALTH.name].send(self._stats.health(self.inbox))
+            except SchemaError:
+                _log.exception("%s cannot tell its health", self._service.name)
+        elif now_ns >= self._next_collect:
+            self._next_collect = now_ns + _COLLECT_PERIOD_NS
+            gc.collect(1)
+
+    def _handle_signals(self) -> None:
+        """Stop on SIGINT and SIGTERM; only possible in the main thread."""
+        if threading.current_thread() is not threading.main_thread():
+            return
+
+        def handle(_signal: int, _frame: FrameType | None) -> None:
+            # Only this: waking the loop takes a lock that the interrupted code may hold.
+            self._stopping = True
+
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, handle)

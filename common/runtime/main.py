@@ -1,0 +1,149 @@
+"""What every ``python -m services.<name>`` shares: arguments, configuration file, the runner.
+
+A service's ``__main__`` is three lines::
+
+    from common.runtime.main import run_live
+    from services.wbc.service import build  # (Namespace) -> Service
+
+    raise SystemExit(run_live(build, "wbc"))
+
+The configuration file is TOML and may serve the whole stack: ``[bus]`` (see
+:class:`common.bus.config.BusConfig`), ``[links]`` (topic or ``service:topic`` -> delay),
+``[runtime]`` (see :class:`RuntimeConfig`) and one table per service, which is handed to the
+service's factory as ``arguments.settings``.
+"""
+
+import argparse
+import logging
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from common.bus.config import BusConfig, bus_config, read_config_file, split_list
+from common.bus.links import Links, parse_link_options
+from common.errors import ConfigError, TrillError
+from common.runtime.live import LiveRunner, RuntimeConfig
+from common.runtime.realtime import enter_realtime
+from common.runtime.service import Service
+
+ServiceFactory = Callable[[argparse.Namespace], Service]
+"""Builds a service from its parsed arguments (``arguments.settings``: its table in the file)."""
+
+
+def argument_parser(name: str, description: str | None = None) -> argparse.ArgumentParser:
+    """Return a parser with the options every service understands.
+
+    Args:
+        name: the service's name.
+        description: one line for ``--help``.
+    """
+    parser = argparse.ArgumentParser(
+        prog=f"python -m services.{name}",
+        description=description,
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    group = parser.add_argument_group("bus and runtime")
+    group.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
+    group.add_argument("--robot", help="first part of every key [TRILL_ROBOT]")
+    group.add_argument("--mode", choices=["peer", "client", "router"], help="[TRILL_MODE]")
+    group.add_argument("--host", help="address of the port table [TRILL_HOST]")
+    group.add_argument("--base-port", type=int, help="first port of the table [TRILL_BASE_PORT]")
+    group.add_argument("--connect", type=split_list, help="endpoints, by commas [TRILL_CONNECT]")
+    group.add_argument("--listen", type=split_list, help="endpoints, by commas [TRILL_LISTEN]")
+    group.add_argument(
+        "--link",
+        action="append",
+        default=[],
+        metavar="[SERVICE:]TOPIC=SPEC",
+        help="delay an input, e.g. 'camera/left=normal(122ms, 190ms) loss=1%%' [TRILL_LINKS]",
+    )
+    group.add_argument(
+        "--rt-priority", type=int, help="SCHED_FIFO priority, 0 for none [TRILL_RT_PRIORITY]"
+    )
+    return parser
+
+
+def load_settings(
+    arguments: argparse.Namespace, name: str, environment: Mapping[str, str] | None = None
+) -> tuple[BusConfig, Links, RuntimeConfig, dict[str, Any]]:
+    """Combine file, environment and arguments (later ones win) for service ``name``.
+
+    Returns:
+        bus configuration, links (all consumers), runtime configuration, the service's own table.
+
+    Raises:
+        ConfigError: a file, variable or option is wrong.
+    """
+    environment = os.environ if environment is None else environment
+    path = arguments.config or environment.get("TRILL_CONFIG")
+    tables = read_config_file(Path(path)) if path else {}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise ConfigError(f"{path}: expected only tables, got {key!r} outside of any")
+    bus = bus_config(
+        tables.get("bus"),
+        {
+            key: getattr(arguments, key)
+            for key in ("robot", "mode", "host", "base_port", "connect", "listen")
+        },
+        environment,
+    )
+    variable = [part for part in environment.get("TRILL_LINKS", "").split(";") if part.strip()]
+    links = Links.from_table(tables.get("links", {})).merged(
+        parse_link_options(variable), parse_link_options(arguments.link)
+    )
+    runtime_values = dict(tables.get("runtime", {}))
+    priority = environment.get("TRILL_RT_PRIORITY") or None
+    if arguments.rt_priority is not None:
+        priority = arguments.rt_priority
+    if priority is not None:
+        runtime_values["rt_priority"] = priority
+    try:
+        runtime = RuntimeConfig.model_validate(runtime_values)
+    except ValidationError as error:
+        raise ConfigError(f"the runtime configuration is wrong: {error}") from error
+    return bus, links, runtime, tables.get(name, {})
+
+
+def run_live(
+    service_factory: ServiceFactory,
+    name: str,
+    argv: Sequence[str] | None = None,
+    *,
+    add_arguments: Callable[[argparse.ArgumentParser], None] | None = None,
+    description: str | None = None,
+) -> int:
+    """Parse the arguments, build the service and run it live until a signal or an error.
+
+    Args:
+        service_factory: called once with the parsed arguments, after real-time scheduling was
+            taken and before the bus is opened.
+        name: the service's name in the port table and the configuration file.
+        argv: arguments without the program's name; None takes the process's own.
+        add_arguments: adds the service's own options to the parser.
+        description: one line for ``--help``.
+
+    Returns:
+        exit code: 0 after a signal, 1 after an error, 2 for a wrong configuration.
+    """
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    parser = argument_parser(name, description)
+    if add_arguments is not None:
+        add_arguments(parser)
+    arguments = parser.parse_args(argv)
+    try:
+        bus, links, runtime, arguments.settings = load_settings(arguments, name)
+        # Before anything starts threads, so that the transport's threads inherit it.
+        realtime = enter_realtime(runtime.rt_priority)
+        service = service_factory(arguments)
+    except ConfigError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 2
+    except TrillError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    return LiveRunner(service, bus, links=links, runtime=runtime, realtime=realtime).run()
