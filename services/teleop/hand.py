@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from common.robot.frames import BASE_COM_HEIGHT, FORWARD_HAND_IN_BODY, NOMINAL_HAND_IN_BODY
 from common.robot.joints import JOINTS, NECK
-from services.teleop.rotations import Array, from_rpy, multiply, rotate, rotation_vector
+from services.teleop.rotations import Array, from_rpy, multiply, rotate, rotation_vector, to_rpy
 
 SIDES: Final = ("left", "right")
 FORWARD_HAND: Final = np.array(FORWARD_HAND_IN_BODY)
@@ -62,6 +62,11 @@ class TargetLimits(BaseModel):
 def hand_quaternion(roll: float, pitch: float, yaw: float) -> Array:
     """Orientation (4,) of a forward-pointing hand turned about the body axes [rad]."""
     return multiply(from_rpy(roll, pitch, yaw), FORWARD_HAND)
+
+
+def hand_rpy(quaternion: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] by which a hand is turned from pointing straight ahead."""
+    return to_rpy(multiply(quaternion, FORWARD_HAND * np.array([1.0, -1.0, -1.0, -1.0])))
 
 
 def home_pose(side: str) -> tuple[Array, Array]:

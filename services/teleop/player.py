@@ -29,7 +29,7 @@ from services.teleop.script import (
 )
 from services.teleop.targets import OperatorTargets
 
-log = logging.getLogger("trill.teleop")
+log = logging.getLogger(__name__)
 
 PEAK_OF_MINIMUM_JERK = 1.875
 """Peak over mean speed of a minimum-jerk path: 30/16 (Flash and Hogan 1985)."""

@@ -55,8 +55,16 @@ def from_rpy(roll: float, pitch: float, yaw: float) -> Array:
 def rotate(start: Array, rotation: Array) -> Array:
     """``start`` (4,) turned by the rotation vector ``rotation`` (3,) about parent axes [rad].
 
-    Of the two quaternions of the result the one nearer to ``start`` is returned, so that a moving
-    target never flips sign.
+    For at most half a turn this is, of the result's two quaternions, the one nearer to ``start``,
+    so a target that moves in small turns never flips sign.
     """
-    turned = normalised(multiply(from_rotation_vector(rotation), start))
-    return turned if float(turned @ start) >= 0.0 else -turned
+    return normalised(multiply(from_rotation_vector(rotation), start))
+
+
+def to_rpy(quaternion: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of a unit quaternion: the inverse of :func:`from_rpy`."""
+    w, x, y, z = quaternion
+    roll = math.atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = math.asin(min(1.0, max(-1.0, 2 * (w * y - z * x))))
+    yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw

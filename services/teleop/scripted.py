@@ -30,7 +30,7 @@ from services.teleop.player import Stage, play
 from services.teleop.script import Script
 from services.teleop.targets import OperatorTargets
 
-log = logging.getLogger("trill.teleop")
+log = logging.getLogger(__name__)
 
 PERIOD_NS = 50_000_000
 """Set-points at 20 Hz."""

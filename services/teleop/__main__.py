@@ -1,0 +1,198 @@
+"""``python -m services.teleop scripted`` or ``keyboard``: an operator as a process."""
+
+import argparse
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import TypeVar
+
+from pydantic import BaseModel, ValidationError
+
+from common.errors import ConfigError
+from common.runtime.main import run_live
+from common.schemas import Gait
+from services.teleop.console import KeyboardConfig
+from services.teleop.keyboard import KeyboardOperator
+from services.teleop.library import SCRIPTS, ScriptOptions
+from services.teleop.screen import help_lines
+from services.teleop.script import GAIT_NAMES, Script, load_script
+from services.teleop.scripted import ScriptedConfig, ScriptedOperator
+from services.teleop.terminal import Terminal
+
+USAGE = """usage: python -m services.teleop {scripted,keyboard} [options]
+
+An operator: sends hand, gripper and neck set-points at 20 Hz, and gait requests.
+
+  scripted   plays a script against the robot's feedback, then exits: 0 if all went well
+  keyboard   a person at this terminal, also over ssh and in tmux
+
+The robot's side (plant and controller) runs in processes of its own, started before or after.
+`python -m services.teleop scripted --help` (or `keyboard --help`) lists the options.
+"""
+
+SCRIPTED = """Play a script: wait until the controller balances, then move hands, grippers and neck
+and request gaits, step by step. The exit code is 0 when the script ended well, 1 when it failed
+(the last line says why), 2 when an option is wrong."""
+
+SCRIPTED_EXAMPLES = """examples:
+  python -m services.teleop scripted                                   the demo, about a minute
+  python -m services.teleop scripted --script stand --seconds 60
+  python -m services.teleop scripted --script gaits --gait turn_left --count 10
+  python -m services.teleop scripted --script random --count 20 --seed 3
+  python -m services.teleop scripted --script wave.json
+
+A script file is a list of steps; hand positions are in metres in the body frame (torso_link, x
+forward, y left, z up), rotations are roll, pitch, yaw in radians from a hand pointing ahead:
+
+  {"name": "wave", "steps": [
+    {"do": "move", "left": {"position": [0.42, 0.22, 0.2], "rotation": [0, 0, 0]}, "duration": 2},
+    {"do": "sine", "hand": "left", "axis": "y", "amplitude": 0.06, "frequency": 0.5, "duration": 4},
+    {"do": "together", "lanes": [[{"do": "gait", "gait": "forward", "count": 2}],
+                                 [{"do": "grip", "right": 1.0}, {"do": "neck", "pitch": 0.3}]]},
+    {"do": "wait", "seconds": 1}, {"do": "mark", "label": "done"}]}
+"""
+
+KEYBOARD = """Drive the robot from this terminal. Hands move 2 cm or 5 degrees a key press,
+smoothly. A gait asked for while the robot walks is refused, and the screen says so. While a script
+is running this operator only watches, and takes over when it ends."""
+
+M = TypeVar("M", bound=BaseModel)
+
+
+class _Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
+    """Shows defaults and leaves the examples as they are."""
+
+
+def _scripted_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.prog = "python -m services.teleop scripted"
+    parser.epilog, parser.formatter_class = SCRIPTED_EXAMPLES, _Formatter
+    default = ScriptOptions()
+    group = parser.add_argument_group("script")
+    group.add_argument(
+        "--script", default="demo", help=f"{', '.join(SCRIPTS)}, or a JSON file of steps"
+    )
+    group.add_argument(
+        "--gait", choices=GAIT_NAMES, default=default.gait.name.lower(), help="for 'gaits'"
+    )
+    group.add_argument(
+        "--count", type=_positive, default=default.count, help="of gaits, for 'gaits' and 'random'"
+    )
+    group.add_argument("--seed", type=int, default=default.seed, help="for 'random'")
+    group.add_argument("--seconds", type=_seconds, default=default.seconds, help="for 'stand'")
+
+
+def _keyboard_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.prog = "python -m services.teleop keyboard"
+    parser.epilog = "\n".join(["keys:", *help_lines()])
+    parser.formatter_class = _Formatter
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, got {value}")
+    return value
+
+
+def _seconds(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value <= 3600.0:
+        raise argparse.ArgumentTypeError(f"expected more than 0 and at most 3600 s, got {value:g}")
+    return value
+
+
+def _settings(model: type[M], arguments: argparse.Namespace, table: str) -> M:
+    try:
+        return model.model_validate(arguments.settings)
+    except ValidationError as error:
+        raise ConfigError(f"the [{table}] table of the configuration is wrong: {error}") from error
+
+
+def build_scripted(arguments: argparse.Namespace) -> ScriptedOperator:
+    """Build the scripted operator; its table in the configuration file is ``[teleop]``.
+
+    Raises:
+        ConfigError: the table is wrong.
+        ScriptError: the script cannot be read.
+    """
+    config = _settings(ScriptedConfig, arguments, "teleop")
+    return ScriptedOperator(_script(arguments), config)
+
+
+def _script(arguments: argparse.Namespace) -> Script:
+    build = SCRIPTS.get(arguments.script)
+    if build is not None:
+        gait = Gait[arguments.gait.upper()]
+        return build(ScriptOptions(gait, arguments.count, arguments.seed, arguments.seconds))
+    path = Path(arguments.script)
+    if path.suffix != ".json":
+        raise ConfigError(
+            f"--script: expected {', '.join(SCRIPTS)} or a .json file, got {arguments.script!r}"
+        )
+    return load_script(path)
+
+
+def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:
+    """Build the keyboard operator; its table in the configuration file is ``[keyboard]``.
+
+    Raises:
+        ConfigError: the table is wrong.
+        TerminalError: this process has no terminal.
+    """
+    return KeyboardOperator(Terminal(), _settings(KeyboardConfig, arguments, "keyboard"))
+
+
+def _stop_on_hangup() -> None:
+    """A closed terminal or lost connection ends the process in order, as SIGTERM does."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        signal.raise_signal(signal.SIGTERM)
+
+    signal.signal(signal.SIGHUP, stop)
+
+
+def _run_scripted(argv: list[str]) -> int:
+    return run_live(
+        build_scripted,
+        ScriptedOperator.name,
+        argv,
+        add_arguments=_scripted_arguments,
+        description=SCRIPTED,
+    )
+
+
+def _run_keyboard(argv: list[str]) -> int:
+    _stop_on_hangup()
+    return run_live(
+        build_keyboard,
+        KeyboardOperator.name,
+        argv,
+        add_arguments=_keyboard_arguments,
+        description=KEYBOARD,
+    )
+
+
+MODES: dict[str, Callable[[list[str]], int]] = {
+    "scripted": _run_scripted,
+    "keyboard": _run_keyboard,
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the operator that the first argument names; returns the exit code."""
+    arguments = sys.argv[1:] if argv is None else argv
+    if not arguments or arguments[0] in {"-h", "--help"}:
+        print(USAGE)
+        return 0 if arguments else 2
+    mode, *rest = arguments
+    run = MODES.get(mode)
+    if run is None:
+        print(f"teleop: expected {' or '.join(MODES)}, got {mode!r}\n\n{USAGE}", file=sys.stderr)
+        return 2
+    return run(rest)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
