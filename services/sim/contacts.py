@@ -21,19 +21,18 @@ def normal_forces(data: Any) -> Array:
 
     With elliptic (or frictionless) cones the first constraint row of a contact is its normal.
     """
-    forces = np.zeros(data.ncon)
-    if data.ncon and data.nefc:
-        rows = data.contact.efc_address
-        active = rows >= 0
-        forces[active] = data.efc_force[rows[active]]
+    if not (data.ncon and data.nefc):
+        return np.zeros(data.ncon)
+    rows = data.contact.efc_address
+    forces: Array = data.efc_force[rows] * (rows >= 0)
     return forces
 
 
-def foot_normal_forces(data: Any, feet: tuple[int, int]) -> Array:
-    """(2,) sum of the normal forces on the foot geoms ``feet`` (left, right) [N]."""
-    forces = normal_forces(data)
-    pairs = data.contact.geom
-    return np.array([forces[(pairs == foot).any(axis=1)].sum() for foot in feet])
+def foot_normal_forces(data: Any, feet: NDArray[np.intp]) -> Array:
+    """(2,) sum of the normal forces on the foot geoms ``feet`` (2,): left, right [N]."""
+    touches = (data.contact.geom == feet[:, None, None]).any(axis=2)
+    forces: Array = touches @ normal_forces(data)
+    return forces
 
 
 def contact_list(model: Any, data: Any) -> list[Contact]:

@@ -26,4 +26,4 @@ def jaw_command(closure: Array) -> Array:
 
 def jaw_closure(finger: Array) -> Array:
     """Return the closure 0..1 that finger positions [m] amount to."""
-    return np.clip(1.0 - finger / GRIPPER_STROKE, 0.0, 1.0)
+    return np.minimum(np.maximum(1.0 - finger / GRIPPER_STROKE, 0.0), 1.0)

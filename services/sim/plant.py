@@ -56,7 +56,7 @@ class Plant:
         self.config = config or SimConfig()
         # MuJoCo's own handler writes a log file into the working directory.
         mujoco.set_mju_user_warning(_log_warning)
-        self.model = build_model(self.config.scene)
+        self.model = build_model(self.config.scene, looks=False)
         self.data = mujoco.MjData(self.model)
         self.addresses = find_addresses(self.model)
         self.guard = Guard(self.config.guard)
@@ -175,18 +175,20 @@ class Plant:
         mujoco.mj_step(self.model, self.data)
         self.steps += 1
         self.now_ns += PHYSICS_STEP_NS
+        if math.isnan(self._qpos[2]):
+            raise PlantDivergedError(
+                f"the physics diverged {self.steps} steps after the reset: expected finite "
+                "positions, got NaN; reset the plant and lower gains or forces"
+            )
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
             self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
 
     def _is_down(self) -> bool:
-        height = float(self._qpos[2])
-        if math.isnan(height):
-            raise PlantDivergedError(
-                f"the physics diverged after {self.steps * PHYSICS_STEP_NS * 1e-9:.3f} s: expected "
-                "finite positions, got NaN; reset the plant and lower gains or forces"
-            )
-        return height < FALLEN_HEIGHT or float(self._torso_rotation[8]) < FALLEN_UPRIGHTNESS
+        return (
+            float(self._qpos[2]) < FALLEN_HEIGHT
+            or float(self._torso_rotation[8]) < FALLEN_UPRIGHTNESS
+        )
 
     def _enter(self, mode: GuardMode) -> None:
         self._mode = mode
@@ -211,7 +213,7 @@ class Plant:
             joint_position=qpos[addresses.qpos],
             joint_velocity=qvel[addresses.qvel],
             joint_torque=MOTOR_TO_JOINT @ self._motor_torque,
-            gripper_closure=jaw_closure(qpos[addresses.fingers_qpos].mean(axis=1)),
+            gripper_closure=jaw_closure(0.5 * qpos[addresses.fingers_qpos].sum(axis=1)),
             foot_normal_force=foot_normal_forces(self.data, addresses.feet),
             reset_count=self.reset_count,
         )

@@ -114,6 +114,7 @@ def test_rgb8_is_the_picture_itself(truth: Any) -> None:
     assert image.shape == (48, 64, 3)
     assert encode(image, "rgb8", 90) == image.tobytes()
     again = cv2.imdecode(np.frombuffer(encode(image, "jpeg", 95), np.uint8), cv2.IMREAD_COLOR)
+    assert again is not None
     assert np.abs(again[..., ::-1].astype(float) - image).mean() < 4.0
 
 

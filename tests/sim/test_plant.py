@@ -16,18 +16,24 @@ MODES = list(TorqueMode)
 WEIGHT = 36.522 * 9.81
 
 
+def mode(robot: Plant) -> GuardMode:
+    return robot.guard.mode
+
+
 def plant(**settings: Any) -> Plant:
     return Plant(SimConfig(**settings))
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_stands_before_any_command(mode: TorqueMode) -> None:
-    robot = plant(torque_mode=mode)
+@pytest.mark.parametrize("torques", MODES)
+def test_stands_before_any_command(torques: TorqueMode) -> None:
+    robot = plant(torque_mode=torques)
     start = robot.truth()
     run_silently(robot, 2.0)
     end = robot.truth()
-    assert robot.guard.mode is GuardMode.SILENT
-    assert robot.com()[2] == pytest.approx({"relaxed": 0.70, "rated": 0.73}[mode.value], abs=1e-3)
+    assert mode(robot) is GuardMode.SILENT
+    assert robot.com()[2] == pytest.approx(
+        {"relaxed": 0.70, "rated": 0.73}[torques.value], abs=1e-3
+    )
     assert np.abs(end.base_position - start.base_position).max() < 1e-3
     assert np.abs(end.joint_position - start.joint_position).max() < 1e-3
     assert np.abs(end.joint_velocity).max() < 5e-3
@@ -37,17 +43,17 @@ def test_stands_before_any_command(mode: TorqueMode) -> None:
     assert not robot.fallen
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_holds_for_3_s_after_the_controller_falls_silent(mode: TorqueMode) -> None:
-    robot = plant(torque_mode=mode)
+@pytest.mark.parametrize("torques", MODES)
+def test_holds_for_3_s_after_the_controller_falls_silent(torques: TorqueMode) -> None:
+    robot = plant(torque_mode=torques)
     stander = Stander(robot)
     robot.push(np.array([30.0, 10.0, 0.0]), 0.1)
     stander.run(robot, 0.3)
-    assert robot.guard.mode is GuardMode.ACTIVE
+    assert mode(robot) is GuardMode.ACTIVE
     moved = robot.truth()
     run_silently(robot, 3.0)
     held = robot.truth()
-    assert robot.guard.mode is GuardMode.HOLD
+    assert mode(robot) is GuardMode.HOLD
     assert robot.guard.holds == 1
     assert not robot.fallen
     assert np.abs(held.joint_position - moved.joint_position).max() < 0.06
@@ -58,7 +64,7 @@ def test_sinks_damped_when_silence_lasts_and_is_then_fallen() -> None:
     robot = plant(guard={"hold_after": 0.1, "damp_after": 0.5})
     Stander(robot).run(robot, 0.1)
     run_silently(robot, 0.5)
-    assert robot.guard.mode is GuardMode.DAMP
+    assert mode(robot) is GuardMode.DAMP
     run_silently(robot, 1.5)
     assert robot.fallen
     assert robot.truth().base_position[2] < 0.5
@@ -72,10 +78,10 @@ def test_returning_from_hold_does_not_jump() -> None:
     stander = Stander(robot)
     stander.run(robot, 0.2)
     run_silently(robot, 0.5)
-    assert robot.guard.mode is GuardMode.HOLD
+    assert mode(robot) is GuardMode.HOLD
     before = robot.truth()
     stander.run(robot, 0.5)
-    assert robot.guard.mode is GuardMode.ACTIVE
+    assert mode(robot) is GuardMode.ACTIVE
     assert np.abs(robot.truth().joint_position - before.joint_position).max() < 0.01
 
 
@@ -98,7 +104,7 @@ def test_garbage_between_sound_commands_leaves_the_robot_standing(garbage: Any) 
         stander.run(robot, 0.02)
         assert not robot.offer(make_command(robot.now_ns, **garbage))
     assert robot.guard.refused == 20
-    assert robot.guard.mode is GuardMode.ACTIVE
+    assert mode(robot) is GuardMode.ACTIVE
     assert np.abs(robot.truth().joint_position - start.joint_position).max() < 2e-3
     assert not robot.fallen
 
@@ -144,7 +150,7 @@ def test_a_hard_push_makes_it_fall_and_limp() -> None:
     robot.push(np.array([0.0, 400.0, 0.0]), 0.3)
     run_silently(robot, 2.0)
     assert robot.fallen
-    assert robot.guard.mode is GuardMode.DAMP
+    assert mode(robot) is GuardMode.DAMP
 
 
 def test_estop_goes_limp_at_once_and_only_reset_ends_it() -> None:
@@ -155,12 +161,12 @@ def test_estop_goes_limp_at_once_and_only_reset_ends_it() -> None:
     robot.step()
     assert np.abs(robot.truth().joint_torque).max() < 1.0, "standing still, damping has no torque"
     assert not robot.offer(stander.command(robot.truth()))
-    assert robot.guard.mode is GuardMode.ESTOP
+    assert mode(robot) is GuardMode.ESTOP
     run_silently(robot, 1.0)
     assert robot.fallen
     robot.reset()
     run_silently(robot, 0.5)
-    assert robot.guard.mode is GuardMode.SILENT
+    assert mode(robot) is GuardMode.SILENT
     assert not robot.fallen
 
 

@@ -56,6 +56,18 @@ def test_a_giant_stance_is_refused_with_the_reason(model: Any) -> None:
         standing_qpos(model, find_addresses(model), 0.9, 0.28)
 
 
+def test_looks_do_not_matter_to_physics(model: Any) -> None:
+    bare = build_model(looks=False)
+    assert bare.ngeom < 40 < model.ngeom
+    states = []
+    for each in (model, bare):
+        data = mujoco.MjData(each)
+        data.qpos[:] = standing_qpos(each, find_addresses(each), 0.7, 0.28)
+        mujoco.mj_step(each, data, 300)
+        states.append(np.array(data.qpos))
+    assert np.array_equal(states[0], states[1])
+
+
 def test_an_unknown_scene_is_refused_with_the_known_ones() -> None:
     with pytest.raises(SceneError, match=r"unknown scene 'moon': expected one of \['flat'\]"):
         build_model("moon")

@@ -13,7 +13,8 @@ class Scene:
         name: as given in the configuration.
         doc: one line for ``--help``.
         build: adds bodies to the ``mujoco.MjSpec`` of robot and floor; the robot starts at the
-            world's origin and faces +x. Its joints must come after the robot's.
+            world's origin and faces +x. Joints and actuators come after the robot's; shapes that
+            only look have group 2, no mass and no contacts.
     """
 
     name: str
