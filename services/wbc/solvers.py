@@ -54,6 +54,11 @@ def _pattern() -> tuple[Array, Array]:
     return P, A
 
 
+_SOLVED = (1, 2)
+_OUT_OF_ITERATIONS = 7
+"""OSQP's status values: solved (also inaccurately), maximum iterations reached."""
+FEASIBLE = 1e-3
+"""Largest constraint violation of an iterate that is used although not optimal."""
 FORCE_SCALE = 100.0
 """Unit of the reaction forces inside OSQP [N]."""
 
@@ -68,7 +73,7 @@ class OsqpSolver:
 
     name = "osqp"
 
-    def __init__(self, tolerance: float = 1e-5, max_iterations: int = 1500) -> None:
+    def __init__(self, tolerance: float = 1e-5, max_iterations: int = 600) -> None:
         self._tolerance = tolerance
         self._max_iterations = max_iterations
         self._solver: Any = None
@@ -105,10 +110,11 @@ class OsqpSolver:
             max_iter=self._max_iterations,
             warm_starting=True,
             polishing=False,
+            rho=1e-5,
             scaling=0,
             check_termination=5,
             adaptive_rho=True,
-            adaptive_rho_interval=50,
+            adaptive_rho_interval=100,
         )
 
     def solve(self, data: QpData) -> Solution:
@@ -124,7 +130,12 @@ class OsqpSolver:
                 Ax=self._A_scale * data.A[self._A_index],
             )
         result = self._solver.solve(raise_error=False)
-        solved = int(result.info.status_val) in (1, 2) and bool(np.isfinite(result.x).all())
+        info = result.info
+        # An iterate that ran out of iterations but is feasible to a millinewton is still good.
+        usable = int(info.status_val) in _SOLVED or (
+            int(info.status_val) == _OUT_OF_ITERATIONS and float(info.prim_res) < FEASIBLE
+        )
+        solved = usable and bool(np.isfinite(result.x).all())
         if not solved:
             # A diverged workspace would poison the next tick's warm start.
             self._solver = None
