@@ -9,6 +9,7 @@ import argparse
 import sys
 from collections import defaultdict
 from time import perf_counter, process_time
+from typing import Literal
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from services.wbc.controller import Command, Controller, TickReport
 from studies.walking.stack import Scenario, Stack
 
 STAGES = ("model", "tasks", "build", "solve")
-SOLVERS = ("osqp", "daqp", "quadprog")
+SOLVERS: tuple[Literal["osqp", "daqp", "quadprog"], ...] = ("osqp", "daqp", "quadprog")
 ROUND = (Gait.FORWARD, Gait.TURN_LEFT)
 
 
