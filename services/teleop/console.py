@@ -129,6 +129,8 @@ class Console:
                     self.asked[index] = replace(
                         asked, outcome=reply.outcome, reason=reply.reason, since=now
                     )
+                    if reply.outcome in {GaitOutcome.REFUSED, GaitOutcome.ABORTED}:
+                        self.notice = f"{reply.outcome.name.lower()}: {reply.reason}"
 
     def _act(self, command: Command, now: float, header: Header) -> list[Output]:
         match command:

@@ -93,16 +93,16 @@ def _plant_line(feedback: Feedback) -> str:
         return f"plant       {RED}{age}{PLAIN}"
     marks = [name for name, on in (("FALLEN", plant.fallen), ("PAUSED", plant.paused)) if on]
     return (
-        f"plant       {BOLD}{plant.guard.name}{PLAIN} {plant.real_time_factor:.2f}x real time  "
-        f"state {1e3 * plant.age_at_torque_median:.0f}/{1e3 * plant.age_at_torque_p99:.0f} ms old"
-        f"  falls {feedback.falls}  {age}  {RED}{' '.join(marks)}{PLAIN}"
+        f"plant       {BOLD}{plant.guard.name}{PLAIN} {RED}{' '.join(marks)}{PLAIN} "
+        f"{plant.real_time_factor:.2f}x real time  falls {feedback.falls}  torque from state "
+        f"{1e3 * plant.age_at_torque_median:.0f}/{1e3 * plant.age_at_torque_p99:.0f} ms old  {age}"
     )
 
 
 def _hand_line(console: Console, side: str, feedback: Feedback) -> str:
     hand, index = console.targets.hands[side], SIDES.index(side)
     x, y, z = hand.position
-    angles = "".join(f"{degrees(angle):+6.0f}°" for angle in hand_rpy(hand.quaternion))
+    angles = "".join(f"{round(degrees(a)):+6d}°" for a in hand_rpy(hand.quaternion))
     closure = console.targets.closure[index]
     error = ""
     if feedback.controller is not None:

@@ -231,6 +231,7 @@ def test_a_gait_while_walking_is_sent_and_its_answer_shown() -> None:
     assert len(desk.bench.messages(TELEOP_GAIT)) == 2
     assert "forward: accepted" in desk.screen.text
     assert "turn left: REFUSED" in desk.screen.text
+    assert "refused: because" in desk.screen.text
     desk.bench.run(1.5)
     assert "forward: completed" in desk.screen.text
 
@@ -315,7 +316,7 @@ def test_the_screen_tells_state_ages_and_falls_and_fits() -> None:
     desk.bench.run(0.1)
     assert "BALANCE" in desk.screen.text
     assert "falls 1" in desk.screen.text
-    assert "state 4/9 ms old" in desk.screen.text
+    assert "torque from state 4/9 ms old" in desk.screen.text
     assert "120 ms ago" in desk.screen.text
     assert len(desk.screen.lines) <= HEIGHT
     desk.type("w", "a", "s", "d", run=0.2)
