@@ -109,6 +109,7 @@ def test_a_fallen_robot_stays_damped_until_reset(active: Guard) -> None:
     assert not active.offer(make_command(NOW), NOW)
     assert active.last_refusal is Refusal.FALLEN
     assert active.tick(NOW + MS, fallen=False) is GuardMode.DAMP
+    assert not active.offer(make_command(NOW + MS), NOW + MS)
     active.reset(NOW)
     assert active.tick(NOW + MS, fallen=False) is GuardMode.SILENT
 

@@ -8,6 +8,7 @@ import pytest
 from common.schemas import GuardMode, Header
 from services.sim.config import TYPICAL_NOISE, SimConfig, TorqueMode
 from services.sim.errors import PlantDivergedError
+from services.sim.guard import Refusal
 from services.sim.plant import START_NS, Plant
 
 from .support import MS, Stander, make_command, run_silently, state_bytes
@@ -177,9 +178,9 @@ def test_reset_restores_the_pose_but_not_the_time() -> None:
     assert start.reset_count == 0
     stander = Stander(robot)
     stander.run(robot, 0.1)
-    in_flight = stander.command(robot.truth())
     robot.push(np.array([200.0, 0.0, 0.0]), 5.0)
     run_silently(robot, 1.0)
+    in_flight = stander.command(robot.truth())
     robot.reset()
     again = robot.truth()
     assert again.reset_count == 1
@@ -187,7 +188,8 @@ def test_reset_restores_the_pose_but_not_the_time() -> None:
     assert np.array_equal(again.joint_position, start.joint_position)
     assert np.array_equal(again.base_position, start.base_position)
     assert not robot.data.xfrc_applied.any(), "the push is over"
-    assert not robot.offer(in_flight), "made before the reset"
+    assert not robot.offer(in_flight)
+    assert robot.guard.last_refusal is Refusal.BEFORE_RESET
     run_silently(robot, 0.5)
     assert not robot.fallen
 
