@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from common.robot import joints
-from common.schemas import GaitRequest, PlantState, Setpoint
+from common.schemas import Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import MotorGains, WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
@@ -97,9 +97,9 @@ class Controller:
         self._last: tuple[Command, Array] | None = None
         self._omega = natural_frequency(config.gait.com_height)
 
-    def request(self, request: GaitRequest) -> None:
+    def request(self, request_id: int, gait: Gait) -> None:
         """Pass on a gait request; the answer appears in ``locomotion.answers()``."""
-        self.locomotion.request(request.request_id, request.gait)
+        self.locomotion.request(request_id, gait)
 
     def set_setpoint(self, setpoint: Setpoint, time: float) -> None:
         """Take a set-point that arrived at robot time ``time`` [s]."""

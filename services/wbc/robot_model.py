@@ -149,7 +149,7 @@ class RobotModel:
         reduced = self.reduce_columns(stack)
         return Dynamics(
             base_position=q[:3],
-            base_rotation=data.oMi[1].rotation,
+            base_rotation=data.oMi[1].rotation.copy(),
             base_twist=v[:6],
             motor_position=q[7:].take(self.motor_positions),
             motor_velocity=v[6:].take(self.motor_positions),

@@ -23,6 +23,7 @@ from common.topics import (
 )
 from services.wbc.config import WbcConfig
 from services.wbc.controller import Command, Controller, TickReport, joint_gains
+from services.wbc.requests import RequestBook
 
 
 class WbcService(Service):
@@ -42,6 +43,7 @@ class WbcService(Service):
         self.period_ns = round(1e9 / self.config.rate)
         self.controller = Controller(self.config)
         self.stiffness, self.damping = joint_gains(self.config.motors)
+        self._book = RequestBook()
         self._reset_count: int | None = None
         self._stamp = -1
         self._unsolved_before = 0
@@ -62,8 +64,10 @@ class WbcService(Service):
         setpoint = inputs.latest(TELEOP_SETPOINT)
         if setpoint is not None and inputs.updated(TELEOP_SETPOINT):
             self.controller.set_setpoint(setpoint, time)
+        repeated = [reply for r in requests if (reply := self._book.answered(r)) is not None]
         for request in requests:
-            self.controller.request(request)
+            if (number := self._book.enter(request)) is not None:
+                self.controller.request(number, request.gait)
         command, report = self.controller.tick(state, time)
         header = Header(stamp=state.header.stamp)
         outputs = [
@@ -71,8 +75,11 @@ class WbcService(Service):
             Output(WBC_STATE, self._controller_state(report, time, header, inputs)),
         ]
         for answer in self.controller.locomotion.answers():
-            reply = self._reply(answer.request_id, answer.gait, answer.outcome, answer.reason)
-            outputs.append(reply)
+            self._book.note(answer)
+            request_id = self._book.request_id(answer)
+            outputs.append(self._reply(request_id, answer.gait, answer.outcome, answer.reason))
+        for reply in repeated:
+            outputs.append(self._reply(reply.request_id, reply.gait, reply.outcome, reply.reason))
         return outputs
 
     def _restart_if_needed(self, state: PlantState) -> None:
@@ -81,6 +88,7 @@ class WbcService(Service):
         if known is not None and (known != now or went_back):
             self._unsolved_before += self.controller.unsolved
             self.controller = Controller(self.config)
+            self._book = RequestBook()
         self._reset_count = now
 
     def _joint_command(self, command: Command, header: Header) -> JointCommand:

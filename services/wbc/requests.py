@@ -1,0 +1,53 @@
+"""Gait requests told apart by who sent them, so that a repeated request is not a second gait.
+
+A sender that missed the reply sends the same request again. Its boot id and request id name it;
+the answer it then gets is the latest known, and the robot does nothing twice.
+"""
+
+from collections import OrderedDict
+
+from common.schemas import GaitRequest
+from services.wbc.locomotion import Answer
+
+REMEMBERED = 256
+"""Requests whose last answer is kept."""
+
+
+class RequestBook:
+    """Numbers requests for the state machine and keeps each one's latest answer."""
+
+    def __init__(self) -> None:
+        self._numbers: OrderedDict[tuple[int, int], int] = OrderedDict()
+        self._ids: dict[int, int] = {}
+        self._answers: dict[int, Answer] = {}
+        self._count = 0
+
+    def enter(self, request: GaitRequest) -> int | None:
+        """Number of a new request; None for one already known."""
+        key = (request.header.boot, request.request_id)
+        if key in self._numbers:
+            return None
+        self._count += 1
+        self._numbers[key] = self._count
+        self._ids[self._count] = request.request_id
+        if len(self._numbers) > REMEMBERED:
+            _, oldest = self._numbers.popitem(last=False)
+            self._ids.pop(oldest, None)
+            self._answers.pop(oldest, None)
+        return self._count
+
+    def answered(self, request: GaitRequest) -> Answer | None:
+        """Latest answer to a request seen before, under the sender's request id."""
+        number = self._numbers.get((request.header.boot, request.request_id))
+        answer = None if number is None else self._answers.get(number)
+        if answer is None:
+            return None
+        return Answer(request.request_id, answer.gait, answer.outcome, answer.reason)
+
+    def note(self, answer: Answer) -> None:
+        """Keep an answer of the state machine."""
+        self._answers[answer.request_id] = answer
+
+    def request_id(self, answer: Answer) -> int:
+        """The sender's request id of an answer of the state machine."""
+        return self._ids.get(answer.request_id, answer.request_id)
