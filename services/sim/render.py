@@ -27,9 +27,9 @@ class FollowCamera:
     """
 
     azimuth: float = 145.0
-    elevation: float = -12.0
-    distance: float = 2.9
-    height: float = 0.68
+    elevation: float = -13.0
+    distance: float = 2.5
+    height: float = 0.64
     lag: float = 0.6
 
 

@@ -135,7 +135,7 @@ def test_the_follow_camera_keeps_a_walking_robot_in_the_picture(truth: Any) -> N
         for k in range(6)
     ]
     try:
-        shots = list(render_states(states, 160, 120, FollowCamera(lag=0.2)))
+        shots = list(render_states(states, 160, 120, FollowCamera(lag=0.2), fast=True))
         fixed = list(render_states(states[:1], 160, 120, "left"))
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
