@@ -34,7 +34,7 @@ MAX_PAYLOAD = 64 * 1024 * 1024
 """Longest payload decoded [bytes]."""
 
 # A few bytes of msgpack can announce huge containers, one inside the other; no message needs them.
-_MAX_ITEMS = 1024
+_MAX_ITEMS = 128
 _MAX_ERROR = 380
 _MAX_NAME = 40
 
@@ -46,8 +46,6 @@ class _Arrays:
     specs: dict[str, ArraySpec]
     sizes: tuple[int, ...]
     """Bytes of each."""
-    zeros: Float64Array
-    """As many zeros as the block has numbers."""
     pieces_of: Callable[[Any], tuple[Any, ...]]
     """Takes their values out of a map."""
     views_of: Callable[[Any], tuple[Float64Array, ...]]
@@ -159,14 +157,14 @@ def _take_arrays(fields: dict[str, Any], plan: _Plan, schema: type[Message]) -> 
         text = "; ".join(_differences(fields, plan))
         raise SchemaError(_limited(f"{schema.__name__}: {text}"))
     fields.update(zip(arrays.specs, arrays.views_of(block), strict=True))
-    # 0 * x is 0 for every finite x and NaN for the others, and no sum of zeros overflows.
-    if not math.isfinite(block.dot(arrays.zeros)):
+    # Looking for a False among the mask's bytes takes a third of the time of `all`.
+    if b"\0" in np.isfinite(block).tobytes():
         wrong = ", ".join(name for name in arrays.specs if not np.isfinite(fields[name]).all())
         raise SchemaError(
             f"{schema.__name__}: {wrong}: expected finite numbers, got NaN or infinity"
         )
     for name in arrays.units:
-        norm = math.sqrt(fields[name].dot(fields[name]))
+        norm = math.hypot(*fields[name].tolist())
         if abs(norm - 1.0) > UNIT_TOLERANCE:
             raise SchemaError(
                 f"{schema.__name__}: {name}: expected a unit quaternion (w, x, y, z), "
@@ -227,7 +225,6 @@ def _arrays(schema: type[Message]) -> _Arrays:
     return _Arrays(
         specs=specs,
         sizes=tuple(8 * count for count in counts),
-        zeros=np.zeros(sum(counts)),
         pieces_of=_getter(list(specs)),
         views_of=_getter([slice(b - n, b) for b, n in zip(stops, counts, strict=True)]),
         shaped=tuple((name, spec.shape) for name, spec in specs.items() if len(spec.shape) != 1),
@@ -252,7 +249,8 @@ def _builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message]:
     core = cast(dict[str, Any], schema.__pydantic_core_schema__)
     if core["type"] != "model" or core["schema"]["type"] != "model-fields":
         return schema.model_validate
-    validate = SchemaValidator(_arrays_accepted(core["schema"])).validate_python
+    fields_schema = _arrays_accepted(core["schema"])
+    validate = SchemaValidator(fields_schema, core["config"]).validate_python
     assign = object.__setattr__
 
     def build(fields: dict[str, Any]) -> Message:

@@ -31,6 +31,8 @@ PORT_OFFSETS: Mapping[str, int] = {
     "policy": 5,
     "plant": 6,
     "bridge": 7,
+    "cameras": 8,
+    "keyboard": 9,
 }
 """Known services; each listens on the base port plus its offset."""
 
@@ -62,6 +64,9 @@ class BusConfig(BaseModel):
     )
     retry_initial_ms: int = Field(default=100, ge=10, le=10_000)
     retry_max_ms: int = Field(default=500, ge=10, le=60_000)
+    patience_s: float = Field(
+        default=20.0, ge=0.0, description="how long a client looks for its router when opening"
+    )
     queue_size: int = Field(default=16, ge=1, le=16, description="batches queued per priority")
     drop_wait_us: int = Field(
         default=500, ge=0, le=100_000, description="a full queue delays a publisher this long"
@@ -112,6 +117,8 @@ class BusConfig(BaseModel):
                     "period_increase_factor": 1.5,
                 },
             },
+            # Without multicast there is nobody to wait for when opening.
+            "open": {"return_conditions": {"connect_scouted": False}},
             "timestamping": {"enabled": True},
             "transport": {
                 "link": {

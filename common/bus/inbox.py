@@ -205,7 +205,8 @@ class Inbox:
 
     def delay_stats(self) -> dict[str, DelayStats]:
         """Requested and achieved delay of every link that has one, by topic name."""
-        return {slot.topic.name: slot.line.stats() for slot in self._linked if slot.line}
+        lines = ((slot.topic.name, slot.line) for slot in self._linked)
+        return {name: line.stats() for name, line in lines if line is not None}
 
     def wait(self, timeout_s: float) -> bool:
         """Sleep until a payload of the trigger topic arrives; False if time ran out."""

@@ -2,6 +2,8 @@
 
 import json
 import secrets
+import time
+from collections.abc import Callable
 from typing import Any
 
 import zenoh
@@ -14,28 +16,51 @@ class BusError(TrillError):
     """The bus cannot be reached or set up."""
 
 
-def open_session(config: BusConfig, service: str) -> "zenoh.Session":
+def open_session(
+    config: BusConfig, service: str, stopping: Callable[[], bool] = lambda: False
+) -> "zenoh.Session":
     """Open a session for ``service``; peers that are not there yet are found later.
+
+    A client needs its router to open at all, so a client tries again for
+    ``config.patience_s`` or until ``stopping`` says True.
 
     Args:
         config: how to reach the bus.
         service: chooses the listening port of the table.
+        stopping: asked between attempts.
 
     Raises:
-        BusError: the configuration is not one Zenoh takes, or an endpoint cannot be listened on.
+        BusError: the configuration is not one Zenoh takes, an endpoint cannot be listened on, or
+            a client finds no router.
     """
-    zenoh.init_log_from_env_or("error")
+    # That module reports every message that crosses with a peer's leaving as an error.
+    zenoh.init_log_from_env_or("error,zenoh::api::session=off")
     text = json.dumps(config.zenoh_config(service))
-    try:
-        return zenoh.open(zenoh.Config.from_json5(text))
-    except zenoh.ZError as error:
-        # What follows are places in the transport's sources, one per layer.
-        reason = str(error).partition(" at /")[0]
-        raise BusError(
-            f"{service} cannot open the bus as {config.mode} listening on "
-            f"{config.listen_endpoints(service) or 'nothing'}: {reason}; expected free ports (is "
-            "another stack running? choose another base port) and reachable endpoints"
-        ) from error
+    give_up = time.monotonic() + (config.patience_s if config.mode == "client" else 0.0)
+    while True:
+        try:
+            return zenoh.open(zenoh.Config.from_json5(text))
+        except zenoh.ZError as error:
+            if time.monotonic() >= give_up or stopping():
+                raise BusError(_open_error(config, service, str(error))) from error
+        time.sleep(1e-3 * config.retry_max_ms)
+
+
+def _open_error(config: BusConfig, service: str, text: str) -> str:
+    """Say what was tried and how to mend it."""
+    # What follows are places in the transport's sources, one per layer.
+    reason = text.partition(" at /")[0].strip()
+    if config.mode == "client":
+        return (
+            f"{service} cannot reach the bus as a client of "
+            f"{', '.join(config.connect_endpoints(service))}: {reason}; expected a router there, "
+            "with the same protocol and credentials"
+        )
+    return (
+        f"{service} cannot open the bus as {config.mode} listening on "
+        f"{', '.join(config.listen_endpoints(service)) or 'nothing'}: {reason}; expected free "
+        "ports (is another stack running? choose another base port)"
+    )
 
 
 def new_boot_id() -> int:

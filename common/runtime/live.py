@@ -87,6 +87,7 @@ class LiveRunner:
         self._stats = LoopStats(service, realtime)
         self._publishers: dict[str, Publisher[Any]] = {}
         self._next_health = self._next_collect = 0
+        self._settled = False
 
     def stop(self) -> None:
         """End :meth:`run` after the current step, from any thread."""
@@ -102,7 +103,7 @@ class LiveRunner:
         """
         self._handle_signals()
         try:
-            session: Any = open_session(self._bus, self._service.name)
+            session: Any = open_session(self._bus, self._service.name, lambda: self._stopping)
         except BusError as error:
             _log.error("%s", error)
             self._service.close()
@@ -142,13 +143,14 @@ class LiveRunner:
 
     def _loop(self) -> None:
         """Step until stopped."""
-        # Everything loaded so far stays: without this, the collector would walk through all of
-        # it time and again, for tens of milliseconds.
+        # Everything loaded so far stays, and so does what the first steps make: a collector that
+        # walked through all of it would stop the loop for tens of milliseconds.
         gc.collect()
         gc.freeze()
         gc.disable()
         now = time.monotonic_ns()
-        self._next_health = self._next_collect = now
+        self._next_health = now
+        self._next_collect = now + _COLLECT_PERIOD_NS
         period, trigger = self._service.period_ns, self._service.trigger
         if trigger is None:
             self._loop_on_clock(ClockPace(period, now))
@@ -219,7 +221,10 @@ class LiveRunner:
                 _log.exception("%s cannot tell its health", self._service.name)
         elif now_ns >= self._next_collect:
             self._next_collect = now_ns + _COLLECT_PERIOD_NS
-            gc.collect(1)
+            gc.collect()
+            if not self._settled:
+                self._settled = True
+                gc.freeze()
 
     def _handle_signals(self) -> None:
         """Stop on SIGINT and SIGTERM; only possible in the main thread."""

@@ -1,0 +1,127 @@
+"""Example messages of every topic and a free range of ports."""
+
+import socket
+
+import numpy as np
+
+from common import schemas
+from common.schemas import Gait, GuardMode, Header, LinkHealth, Message
+from common.schemas.operator import OperatorStatus
+
+VECTOR = np.array([0.1, -0.2, 0.3])
+QUATERNION = np.array([0.5, 0.5, -0.5, 0.5])
+JOINTS = np.linspace(-1.0, 1.0, 27)
+PAIR = np.array([0.25, 0.75])
+
+HEADER = Header(seq=7, stamp=1_000_000_007, sent=2_000_000_001, boot=2**62, source="sim")
+
+
+def plant_state(seq: int = 0, boot: int = 1, source: str = "sim") -> schemas.PlantState:
+    return schemas.PlantState(
+        header=Header(seq=seq, boot=boot, source=source),
+        base_position=VECTOR,
+        base_quaternion=QUATERNION,
+        base_linear_velocity=2 * VECTOR,
+        base_angular_velocity=3 * VECTOR,
+        joint_position=JOINTS,
+        joint_velocity=2 * JOINTS,
+        joint_torque=3 * JOINTS,
+        gripper_closure=PAIR,
+        foot_normal_force=100 * PAIR,
+        reset_count=2,
+    )
+
+
+def health(source: str = "sim") -> schemas.ServiceHealth:
+    link = LinkHealth(topic="plant/state", received=3, rate=2.5, age=-1.0, gaps=1, refused=2)
+    return schemas.ServiceHealth(
+        service=source,
+        pid=123,
+        period=0.01,
+        steps=5,
+        deadline_misses=1,
+        step_median=1e-4,
+        step_p99=2e-4,
+        cpu=0.5,
+        realtime="normal",
+        links=[link, link.model_copy(update={"topic": "estop", "last_refusal": "not good"})],
+    )
+
+
+def examples() -> list[Message]:
+    """One message of every schema on the bus, none of whose fields has its default."""
+    return [
+        plant_state(),
+        schemas.PlantStatus(
+            guard=GuardMode.HOLD,
+            paused=True,
+            fallen=False,
+            real_time_factor=0.9,
+            age_at_torque_median=0.004,
+            age_at_torque_p99=0.009,
+            commands_applied=2**40,
+            commands_refused=3,
+            holds=1,
+            saturated_fraction=0.25,
+            late_steps=9,
+        ),
+        schemas.PlantRequest(action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2),
+        schemas.Estop(reason="größer ⚠"),
+        schemas.JointCommand(
+            position=JOINTS,
+            velocity=JOINTS + 1,
+            acceleration=JOINTS + 2,
+            torque=JOINTS + 3,
+            stiffness=JOINTS + 4,
+            damping=JOINTS + 5,
+            gripper_closure=PAIR,
+        ),
+        schemas.ControllerState(
+            state=schemas.ControlState.LF_SWING,
+            gait=Gait.TURN_LEFT,
+            gait_progress=0.5,
+            gaits_completed=4,
+            dcm_error=0.01,
+            com_in_world=VECTOR,
+            hand_position_error=PAIR,
+            hand_rotation_error=2 * PAIR,
+            hand_weight=0.7,
+            setpoint_fresh=True,
+            solver="proxqp",
+            unsolved=1,
+        ),
+        schemas.GaitReply(
+            request_id=5, gait=Gait.FORWARD, outcome=schemas.GaitOutcome.REFUSED, reason="walking"
+        ),
+        schemas.Setpoint(
+            left_hand_position_in_body=VECTOR,
+            left_hand_quaternion_in_body=QUATERNION,
+            right_hand_position_in_body=-VECTOR,
+            right_hand_quaternion_in_body=-QUATERNION,
+            gripper_closure=PAIR,
+            neck_pitch=0.3,
+        ),
+        schemas.GaitRequest(request_id=9, gait=Gait.SIDE_RIGHT),
+        OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
+        schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
+        health(),
+    ]
+
+
+def free_base_port(count: int = 10) -> int:
+    """Return a port from which ``count`` ports on loopback are free right now."""
+    while True:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            base = int(probe.getsockname()[1])
+        if base + count < 65_000 and all(_free(base + offset) for offset in range(count)):
+            return base
+
+
+def _free(port: int) -> bool:
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+        return True

@@ -1,0 +1,55 @@
+"""Sequence numbers tell what went missing, stream by stream."""
+
+from common.bus.sequence import Arrival, SequenceTracker
+from common.schemas import Header
+
+
+def header(seq: int, boot: int = 1, source: str = "sim") -> Header:
+    return Header(seq=seq, boot=boot, source=source)
+
+
+def test_consecutive_numbers_miss_nothing() -> None:
+    tracker = SequenceTracker()
+    assert [tracker.observe(header(seq)) for seq in (5, 6, 7)] == [Arrival.NEXT] * 3
+    assert tracker.missing == 0
+
+
+def test_gaps_are_counted_and_filled_by_late_ones() -> None:
+    tracker = SequenceTracker()
+    tracker.observe(header(0))
+    assert tracker.observe(header(4)) is Arrival.NEXT
+    assert tracker.missing == 3
+    assert tracker.observe(header(2)) is Arrival.LATE
+    assert tracker.missing == 2
+    assert tracker.observe(header(4)) is Arrival.REPEATED
+    assert tracker.missing == 2
+
+
+def test_restart_and_second_source_are_new_streams() -> None:
+    tracker = SequenceTracker()
+    for each in (header(0), header(1), header(0, boot=2), header(9, source="other")):
+        assert tracker.observe(each) is Arrival.NEXT
+    tracker.observe(header(2, boot=1))
+    tracker.observe(header(12, source="other"))
+    assert tracker.missing == 2
+    assert tracker.streams_seen == 3
+
+
+def test_what_arrived_undecoded_is_not_missing() -> None:
+    tracker = SequenceTracker()
+    tracker.observe(header(0))
+    tracker.excuse(2)
+    tracker.observe(header(5))
+    assert tracker.missing == 2
+    tracker.observe(header(7))
+    assert tracker.missing == 3
+
+
+def test_wild_numbers_and_many_streams_stay_bounded() -> None:
+    tracker = SequenceTracker()
+    tracker.observe(header(0))
+    tracker.observe(header(2**63))
+    assert tracker.missing == 1_000_000
+    for boot in range(2, 1000):
+        tracker.observe(header(0, boot=boot))
+    assert len(tracker._last) == 64
