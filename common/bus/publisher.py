@@ -86,6 +86,11 @@ class Publisher(Generic[M]):
         self.sent += 1
         return True
 
+    @property
+    def wanted(self) -> bool:
+        """Whether another session subscribes to it now, as far as this one knows."""
+        return bool(self._publisher.matching_status.matching)
+
     def close(self) -> None:
         """Withdraw the publisher."""
         self._publisher.undeclare()

@@ -139,6 +139,7 @@ class LiveRunner:
             self._publishers[topic.name] = Publisher(
                 session, self._bus.robot, topic, service.name, boot
             )
+        service.wanted = lambda topic: self._publishers[topic.name].wanted
         self._subscribers = subscribe(session, self._bus.robot, self.inbox, service.reads)
 
     def _loop(self) -> None:

@@ -1,7 +1,7 @@
 """The contract between a service and whatever runs it: live, in simulated time, or from a log."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -56,6 +56,8 @@ class Service(ABC):
             1.5 periods. None: steps are paced by the clock alone.
         exit_code: set by the service itself to end its runner after the current step, whose
             outputs are still published; it becomes the process's exit status. None: run on.
+        wanted: tells whether anybody reads a topic of ``writes`` just now, to save costly outputs;
+            set by the live runner. Elsewhere everything is wanted.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Service(ABC):
     writes: tuple[Topic[Any], ...] = ()
     trigger: Topic[Any] | None = None
     exit_code: int | None = None
+    wanted: Callable[[Topic[Any]], bool] = staticmethod(lambda _topic: True)
 
     @abstractmethod
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:

@@ -6,7 +6,7 @@ Run as ``python -m services.sim.cameras``.
 import os
 import sys
 from argparse import SUPPRESS, ArgumentParser, Namespace
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import cv2
@@ -17,7 +17,7 @@ from common.robot.frames import CAMERAS
 from common.runtime.main import run_live
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import CameraFrame, Header, PlantState
-from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, Topic
+from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH
 from services.sim.config import validated
 from services.sim.offscreen import Image, Offscreen, fixed_camera
 from services.sim.pose import show_state
@@ -88,11 +88,7 @@ def encode(image: Image, encoding: str, quality: int) -> bytes:
 
 
 class CameraService(Service):
-    """Publishes the eyes somebody listens to, from the latest ground truth.
-
-    Attributes:
-        wanted: tells whether a topic has listeners; replaced by whoever knows the transport.
-    """
+    """Publishes the eyes somebody looks through, from the latest ground truth."""
 
     name = "cameras"
     reads = (PLANT_TRUTH,)
@@ -101,7 +97,6 @@ class CameraService(Service):
     def __init__(self, config: CameraConfig | None = None) -> None:
         self._config = config or CameraConfig()
         self.period_ns = 1_000_000_000 // self._config.rate
-        self.wanted: Callable[[Topic[Any]], bool] = lambda _topic: True
         self._renderer = StereoRenderer(self._config)
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
