@@ -41,7 +41,10 @@ def main() -> None:
     # supervisor's first request to stop is a SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     sys.argv = [module, *sys.argv[3:]]
-    runpy.run_module(module, run_name="__main__", alter_sys=True)
+    try:
+        runpy.run_module(module, run_name="__main__", alter_sys=True)
+    except KeyboardInterrupt:
+        sys.exit(f"{module}: stopped while it was starting")
 
 
 if __name__ == "__main__":

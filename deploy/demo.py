@@ -3,23 +3,12 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
-from common.bus.config import BusConfig
 from deploy.board import View
+from deploy.launch import Ended, Running, Verdict, running_system
 from deploy.monitor import TICK, Screen, Watch
-from deploy.ports import reserve_base_port
-from deploy.process import Exit, terminated_as_interrupted
-from deploy.run_summary import Outcome
-from deploy.supervisor import Supervisor
-from deploy.system import (
-    SystemOptions,
-    bus_of,
-    environment,
-    new_run_dir,
-    robot_processes,
-    scripted_operator,
-)
+from deploy.process import Exit
+from deploy.system import OPERATOR, SystemOptions, scripted_operator
 
 FALL_AFTERMATH = 1.0
 """How long a fall is watched before everything stops [s]."""
@@ -32,7 +21,8 @@ class DemoOptions:
     Attributes:
         system: the robot's side.
         script: what the operator plays: a built-in name or a JSON file.
-        seconds: end well after this long, wherever the script is; None: play it to its end.
+        seconds: end well this long after the controller was first heard, wherever the script is;
+            None: play it to its end.
         timeout: the script has failed if it is not done by then [s].
         base_port: take this block of ports instead of a free one.
         live: force (or forbid) the live table; None decides by the terminal.
@@ -46,22 +36,6 @@ class DemoOptions:
     live: bool | None = None
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Why a run ended."""
-
-    outcome: Outcome
-    reason: str = ""
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A finished run: where its files are and how it ended."""
-
-    run_dir: Path
-    verdict: Verdict
-
-
 class Judge:
     """Decides, look by look, whether a run is over and why. Pure."""
 
@@ -71,6 +45,7 @@ class Judge:
         self._seconds = seconds
         self._timeout = timeout
         self._fell_at: float | None = None
+        self._began_at: float | None = None
 
     def verdict(
         self, elapsed: float, view: View, exits: Sequence[tuple[Exit, bool]]
@@ -82,6 +57,8 @@ class Judge:
             view: the bus as last seen.
             exits: processes that just ended, each with whether it was essential.
         """
+        if self._began_at is None and view.control is not None:
+            self._began_at = elapsed
         if self._fell_at is None and view.plant is not None and view.plant.fallen:
             self._fell_at = elapsed
         if self._fell_at is not None:
@@ -94,11 +71,15 @@ class Judge:
             if ended.name == self._operator:
                 return self._operator_ended(ended, view)
             return Verdict("service died", ended.describe())
-        if self._seconds is not None and elapsed >= self._seconds:
+        if self._seconds is not None and self._lasted(elapsed) >= self._seconds:
             return Verdict("completed", f"stopped after {self._seconds:g} s, as asked")
         if elapsed >= self._timeout:
             return Verdict("timed out", f"not done after {self._timeout:g} s; {self._where(view)}")
         return None
+
+    def _lasted(self, elapsed: float) -> float:
+        """Since the controller was first heard [s]."""
+        return 0.0 if self._began_at is None else elapsed - self._began_at
 
     @staticmethod
     def _operator_ended(ended: Exit, view: View) -> Verdict:
@@ -122,37 +103,27 @@ def run_demo(options: DemoOptions) -> Ended:
         DeployError: the system cannot be started.
         BusError: the live table cannot reach the bus.
     """
-    run_dir = new_run_dir()
-    known = bus_of(options.base_port, options.system.config)
-    with reserve_base_port(known.host, options.base_port) as port:
-        bus = known.model_copy(update={"base_port": port})
-        supervisor = Supervisor(
-            [*robot_processes(options.system, run_dir), scripted_operator(options.script)],
-            run_dir / "logs",
-            environment(port, options.system.config),
-        )
-        try:
-            with terminated_as_interrupted(), supervisor:
-                verdict = _watch(supervisor, bus, options, run_dir)
-        except KeyboardInterrupt:
-            verdict = Verdict("interrupted", "stopped from outside")
-    return Ended(run_dir, verdict)
+    verdict = Verdict("interrupted", "stopped from outside")
+    operator = scripted_operator(options.script)
+    with running_system(options.system, options.base_port, [operator]) as running:
+        verdict = _watch(running, options)
+    return Ended(running.run_dir, verdict)
 
 
-def _watch(supervisor: Supervisor, bus: BusConfig, options: DemoOptions, run_dir: Path) -> Verdict:
+def _watch(running: Running, options: DemoOptions) -> Verdict:
     """Show the live table until there is a verdict."""
-    judge = Judge("teleop", options.seconds, options.timeout)
-    title = f"trill demo  {run_dir}  base port {bus.base_port}"
+    supervisor = running.supervisor
+    judge = Judge(OPERATOR, options.seconds, options.timeout)
     started = time.monotonic()
-    with Watch(bus) as seen, Screen(title, live=options.live) as screen:
-        screen.say(f"{title}: started {', '.join(supervisor.running())}")
+    with Watch(running.bus) as seen, Screen(f"trill demo  {running.title}", live=options.live) as s:
+        s.say(f"{running.title}: running {', '.join(supervisor.running())}")
         while True:
             view = seen.look()
-            screen.show(view)
+            s.show(view)
             exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
             for ended, _ in exits:
                 if not ended.expected:
-                    screen.say(ended.describe())
+                    s.say(ended.describe())
             verdict = judge.verdict(time.monotonic() - started, view, exits)
             if verdict is not None:
                 return verdict

@@ -7,7 +7,6 @@ seconds.
 import contextlib
 import sys
 import time
-from collections.abc import Callable
 from types import TracebackType
 from typing import Any
 
@@ -108,16 +107,13 @@ class Screen:
             print(text, flush=True)
 
 
-def watch(bus: BusConfig, title: str, going_on: Callable[[View], bool]) -> None:
-    """Show the live table until ``going_on`` says no or Ctrl-C.
+def watch(bus: BusConfig, title: str) -> None:
+    """Show the live table until Ctrl-C.
 
     Raises:
         BusError: the bus cannot be opened.
     """
     with contextlib.suppress(KeyboardInterrupt), Watch(bus) as seen, Screen(title) as screen:
         while True:
-            view = seen.look()
-            screen.show(view)
-            if not going_on(view):
-                return
+            screen.show(seen.look())
             time.sleep(TICK)

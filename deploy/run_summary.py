@@ -87,6 +87,7 @@ class TopicTally(_Part):
     nominal_rate: float
     gaps: int = Field(description="missing in the log by sequence number")
     dropped: int = Field(default=0, description="arrived at the logger but not written")
+    undecodable: int = Field(default=0, description="recorded, but of another schema or damaged")
 
 
 class PlantTally(_Part):
@@ -131,4 +132,5 @@ class RunSummary(_Part):
     tracking: Tracking
     services: dict[str, ServiceTiming]
     topics: dict[str, TopicTally]
+    log_truncated: bool = Field(default=False, description="the logger was killed")
     environment: dict[str, str]

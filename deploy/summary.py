@@ -4,7 +4,8 @@ Numbers come from what the services said on the bus; only the verdict (why the r
 environment and the logger's own drop counts are handed in.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
@@ -46,13 +47,26 @@ from deploy.scoring import GaitLedger, Pose2, Track, commanded_motions
 from services.wbc.config import GaitConfig
 
 
+@dataclass(frozen=True)
+class LogFindings:
+    """What reading the log showed about the log itself; counts by topic name.
+
+    ``dropped``: received by the logger but not written. ``refused``: not decodable by this
+    version's schemas. ``truncated``: the logger was killed.
+    """
+
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    refused: Mapping[str, int] = field(default_factory=dict)
+    truncated: bool = False
+
+
 def summarise(
     messages: Iterable[tuple[Topic[Any], Message]],
     *,
     outcome: Outcome = "completed",
     reason: str = "",
     environment: Mapping[str, str] | None = None,
-    dropped: Mapping[str, int] | None = None,
+    about_log: Callable[[], LogFindings] | None = None,
     commanded: Mapping[Gait, Pose2] | None = None,
 ) -> RunSummary:
     """Read a run's messages in the order they arrived and sum them up.
@@ -63,7 +77,7 @@ def summarise(
             ``"completed"`` and ``"script failed"``.
         reason: a sentence about ``outcome``.
         environment: versions and settings worth keeping with the numbers.
-        dropped: messages the logger received but did not write, by topic name.
+        about_log: what is known of the log itself once it is read; asked at the end.
         commanded: what each gait should do; by default as the controller's default configuration.
     """
     wanted = commanded_motions(GaitConfig()) if commanded is None else commanded
@@ -86,6 +100,7 @@ def summarise(
             ledger.request(message)
         elif isinstance(message, GaitReply) and topic.name == WBC_REPLY.name:
             ledger.reply(message, track)
+    found = LogFindings() if about_log is None else about_log()
     runs = ledger.runs(wanted)
     tally = plant.tally()
     if tally.falls and outcome in {"completed", "script failed"}:
@@ -100,7 +115,8 @@ def summarise(
         plant=tally,
         tracking=tracking.tally(),
         services=services.tally(),
-        topics=topics.tally(dropped or {}),
+        topics=topics.tally(found),
+        log_truncated=found.truncated,
         environment=dict(environment or {}),
     )
 
@@ -260,16 +276,17 @@ class _TopicReader:
         self._sources.setdefault(name, set()).add(header.source)
         self._sequence.setdefault(name, SequenceTracker()).observe(header)
 
-    def tally(self, dropped: Mapping[str, int]) -> dict[str, TopicTally]:
+    def tally(self, found: LogFindings) -> dict[str, TopicTally]:
         return {
             name: TopicTally(
                 messages=self._count.get(name, 0),
                 rate=self._rate(name),
                 nominal_rate=self._nominal.get(name, 0.0) * len(self._sources.get(name, {""})),
                 gaps=self._sequence[name].missing if name in self._sequence else 0,
-                dropped=dropped.get(name, 0),
+                dropped=found.dropped.get(name, 0),
+                undecodable=found.refused.get(name, 0),
             )
-            for name in sorted({*self._count, *dropped})
+            for name in sorted({*self._count, *found.dropped, *found.refused})
         }
 
     def _rate(self, name: str) -> float:

@@ -16,6 +16,8 @@ from deploy.process import ProcessSpec, Restart
 RUNS = Path("runs")
 """Where runs are kept, below the current directory."""
 LOG_FILE = "log.mcap"
+OPERATOR = "teleop"
+"""The operator's process."""
 PACKAGES = ("trill", "eclipse-zenoh", "numpy", "pydantic", "mujoco", "pin", "osqp", "daqp")
 
 # The plant stops first: without commands it would hold, go limp and be seen falling. The logger
@@ -68,7 +70,7 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
 def scripted_operator(script: str) -> ProcessSpec:
     """An operator that plays ``script`` and ends."""
     return ProcessSpec(
-        "teleop",
+        OPERATOR,
         "services.teleop",
         ("scripted", "--script", script),
         may_finish=True,
@@ -79,7 +81,7 @@ def scripted_operator(script: str) -> ProcessSpec:
 def keyboard_operator() -> ProcessSpec:
     """A person at this terminal."""
     return ProcessSpec(
-        "teleop",
+        OPERATOR,
         "services.teleop",
         ("keyboard",),
         foreground=True,

@@ -1,6 +1,5 @@
 """Draws a :class:`deploy.board.View`: as a rich table, or as a plain line."""
 
-from rich import box
 from rich.console import Group, RenderableType
 from rich.progress_bar import ProgressBar
 from rich.table import Table
@@ -18,8 +17,8 @@ def draw(view: View, title: str) -> RenderableType:
         Text(title, style="bold"),
         _robot(view.control, view.plant),
         _operator(view.operator),
-        _topics(view.topics),
         _services(view.services),
+        _topics(view.topics),
     )
 
 
@@ -64,7 +63,7 @@ def _operator(operator: OperatorStatus | None) -> RenderableType:
 
 
 def _topics(rows: tuple[TopicRow, ...]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = _table()
     table.add_column("topic")
     for name in ("rate Hz", "nominal", "age ms", "messages", "gaps", "refused"):
         table.add_column(name, justify="right")
@@ -82,7 +81,7 @@ def _topics(rows: tuple[TopicRow, ...]) -> Table:
 
 
 def _services(rows: tuple[ServiceRow, ...]) -> Table:
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table = _table()
     table.add_column("service")
     table.add_column("state")
     for name in ("period ms", "median ms", "p99 ms", "missed", "CPU %", "scheduling"):
@@ -100,6 +99,11 @@ def _services(rows: tuple[ServiceRow, ...]) -> Table:
             health.realtime,
         )
     return table
+
+
+def _table() -> Table:
+    """A table without rules: the whole screen should fit a small terminal."""
+    return Table(box=None, pad_edge=False, header_style="bold underline")
 
 
 def _count(number: int) -> Text:

@@ -8,7 +8,7 @@ from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE
 from deploy.run_summary import RunSummary
 from deploy.scoring import Pose2, commanded_motions
-from deploy.summary import spread, summarise
+from deploy.summary import LogFindings, spread, summarise
 from services.wbc.config import GaitConfig
 from tests.deploy.synthetic import MS, Life
 
@@ -168,10 +168,15 @@ def test_topics_count_gaps_per_source_and_life() -> None:
     restarted = Header(seq=0, boot=2, source="sim", sent=life.now * MS)
     topic, state = messages[0]
     messages.append((topic, state.model_copy(update={"header": restarted})))
-    topics = summarise(messages, dropped={"camera/left": 4, "plant/state": 1}).topics
+    topics = summarise(
+        messages,
+        about_log=lambda: LogFindings(
+            dropped={"camera/left": 4, "plant/state": 1}, refused={"plant/state": 2}
+        ),
+    ).topics
     assert topics["plant/state"].messages == 12
     assert topics["plant/state"].gaps == 3
-    assert topics["plant/state"].dropped == 1
+    assert (topics["plant/state"].dropped, topics["plant/state"].undecodable) == (1, 2)
     assert topics["plant/state"].rate == pytest.approx(100.0, rel=0.02)
     assert topics[HEALTH.name].gaps == 0
     assert topics[HEALTH.name].nominal_rate == 2 * HEALTH.rate

@@ -1,0 +1,189 @@
+"""What pictures of a run are made from, and which moments deserve one. Pure.
+
+Everything is placed in robot time by the newest ground truth that had arrived with it.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+from common.schemas import (
+    CameraFrame,
+    Gait,
+    GaitOutcome,
+    GaitReply,
+    Message,
+    OperatorStatus,
+    PlantState,
+    PlantStatus,
+)
+from common.topics import PLANT_TRUTH, Topic
+
+GRIP_SHOWN = 0.5
+"""A gripper closed further than this is worth showing."""
+RATE = 12.5
+"""Ground truth is thinned to this [Hz], so that hours of it fit in memory."""
+MOST_PICTURES = 2000
+"""Kept of each eye; of more, every other is let go, time and again."""
+SWING_SHARE = 0.55
+"""Part of a gait at which a foot is well in the air."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One picture of the contact sheet: ground truth number ``index`` under ``label``."""
+
+    index: int
+    label: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """What the operator called the time from ground truth ``start`` up to ``end``."""
+
+    start: int
+    end: int
+    label: str
+
+
+@dataclass(frozen=True)
+class Stride:
+    """A gait from acceptance to its end, as indices of ground truth."""
+
+    start: int
+    end: int
+    gait: Gait
+
+    @property
+    def name(self) -> str:
+        """The gait in words."""
+        return self.gait.name.lower().replace("_", " ")
+
+
+@dataclass
+class Film:
+    """Ground truth in order, and what went on meanwhile; numbers are indices into ``truth``.
+
+    ``left`` and ``right`` hold (index, picture) of the robot's eyes.
+    """
+
+    truth: list[PlantState] = field(default_factory=list)
+    labels: list[tuple[int, str]] = field(default_factory=list)
+    strides: list[Stride] = field(default_factory=list)
+    fell: int | None = None
+    left: list[tuple[int, CameraFrame]] = field(default_factory=list)
+    right: list[tuple[int, CameraFrame]] = field(default_factory=list)
+
+    def seconds(self, index: int) -> float:
+        """Robot time of a ground truth since the first [s]."""
+        return (self.truth[index].header.stamp - self.truth[0].header.stamp) * 1e-9
+
+    def label_at(self, index: int) -> str:
+        """What the operator was doing then; empty before the first label."""
+        position = bisect_right([start for start, _ in self.labels], index) - 1
+        return self.labels[position][1] if position >= 0 else ""
+
+    def sections(self) -> list[Section]:
+        """The operator's labels, each up to the next; one unnamed section without labels."""
+        last = len(self.truth) - 1
+        starts = [*self.labels, (last, "")]
+        if len(starts) == 1:
+            return [Section(0, last, "")]
+        return [
+            Section(start, max(start, following - 1), label)
+            for (start, label), (following, _) in pairwise(starts)
+        ]
+
+
+def gather(messages: Iterable[tuple[Topic[Any], Message]]) -> Film:
+    """Collect a film from a run's messages in the order they arrived."""
+    film = Film()
+    started: dict[int, int] = {}
+    for topic, message in messages:
+        now = len(film.truth) - 1
+        if isinstance(message, PlantState):
+            if topic.name == PLANT_TRUTH.name and _is_due(film.truth, message):
+                film.truth.append(message)
+        elif now >= 0:
+            _take(film, started, now, message)
+    return film
+
+
+def _take(film: Film, started: dict[int, int], now: int, message: Message) -> None:
+    """Note what is not ground truth; ``started`` are the gaits under way by request id."""
+    if isinstance(message, OperatorStatus):
+        if message.label and (not film.labels or film.labels[-1][1] != message.label):
+            film.labels.append((now, message.label))
+    elif isinstance(message, GaitReply):
+        if message.outcome is GaitOutcome.ACCEPTED:
+            started[message.request_id] = now
+        elif message.outcome is GaitOutcome.COMPLETED and message.request_id in started:
+            start = started.pop(message.request_id)
+            film.strides.append(Stride(start, now, message.gait))
+    elif isinstance(message, PlantStatus):
+        if message.fallen and film.fell is None:
+            film.fell = now
+    elif isinstance(message, CameraFrame):
+        reel = film.left if message.eye == "left" else film.right
+        reel.append((now, message))
+        if len(reel) > MOST_PICTURES:
+            del reel[1::2]
+
+
+def _is_due(truth: Sequence[PlantState], message: PlantState) -> bool:
+    """Whether it is time for another ground truth, or robot time jumped back (a reset)."""
+    if not truth:
+        return True
+    elapsed = (message.header.stamp - truth[-1].header.stamp) * 1e-9
+    return elapsed < 0.0 or elapsed >= 0.95 / RATE
+
+
+def moments(film: Film, spare: int = 6) -> list[Moment]:
+    """The moments worth a picture, in order of time.
+
+    Of a section with gaits, the first time each type of gait is seen, mid swing; of any other,
+    its end, or the time its grippers were closed furthest. ``spare`` evenly spaced ones are added
+    when the operator labelled nothing. A fall is always shown.
+    """
+    if not film.truth:
+        return []
+    chosen: list[Moment] = []
+    seen: set[str] = set()
+    for section in film.sections():
+        strides = [s for s in film.strides if section.start <= s.start <= section.end]
+        for stride in strides:
+            if stride.name not in seen:
+                seen.add(stride.name)
+                middle = stride.start + round(SWING_SHARE * (stride.end - stride.start))
+                chosen.append(Moment(middle, stride.name))
+        if not strides and section.label:
+            chosen.append(Moment(_telling(film.truth, section), section.label))
+    if not film.labels:
+        last = len(film.truth) - 1
+        chosen += [Moment(last * number // spare, "") for number in range(spare + 1)]
+    if film.fell is not None:
+        chosen.append(Moment(film.fell, "FELL"))
+    unique = {moment.index: moment for moment in chosen}
+    return [unique[index] for index in sorted(unique)]
+
+
+def _telling(truth: Sequence[PlantState], section: Section) -> int:
+    """The end of a section, or where the grippers were closed furthest if they opened again."""
+    closures = [float(max(s.gripper_closure)) for s in truth[section.start : section.end + 1]]
+    furthest = max(closures)
+    if furthest >= GRIP_SHOWN > max(closures[0], closures[-1]):
+        return section.start + closures.index(furthest)
+    return section.end
+
+
+def frame_step(film: Film, most: int) -> int:
+    """Every how many-th ground truth a video of at most ``most`` pictures shows."""
+    return max(1, -(-len(film.truth) // most))
+
+
+def picture_at(pictures: Sequence[tuple[int, CameraFrame]], index: int) -> CameraFrame | None:
+    """The last picture taken by then; None before the first."""
+    position = bisect_right([number for number, _ in pictures], index) - 1
+    return pictures[position][1] if position >= 0 else None

@@ -1,0 +1,156 @@
+"""What a person reads and types: help, make targets, the set-up script's complaints."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from common.schemas import Gait
+from common.topics import TELEOP_GAIT
+from deploy import drive
+from deploy.cli import COMMANDS, main
+from deploy.launch import Verdict
+from deploy.report import file_lines, known_verdict, report_lines, write_summary
+from deploy.summary import summarise
+from services.logger.config import LoggerConfig
+from services.logger.errors import LoggerError
+from services.logger.sink import McapSink
+from services.logger.tally import KeyCount, to_metadata, wire_header
+from tests.deploy.synthetic import Life
+from tests.deploy.test_board import sample
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_every_command_teaches(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    overview = capsys.readouterr().out
+    for command in COMMANDS:
+        assert command.name in overview
+        with pytest.raises(SystemExit) as ended:
+            main([command.name, "--help"])
+        assert ended.value.code == 0
+        text = capsys.readouterr().out
+        assert "examples:" in text
+        assert f"trill {command.name}" in text.partition("examples:")[2]
+
+
+@pytest.mark.parametrize(
+    "words", [[], ["fly"], ["demo", "--mode", "heroic"], ["top", "--base-port", "x"], ["report"]]
+)
+def test_wrong_options_exit_with_2(words: list[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(words)
+    assert ended.value.code == 2
+
+
+def test_wrong_values_are_explained(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["top", "--config", "missing.toml"]) == 2
+    assert "missing.toml" in capsys.readouterr().err
+    assert main(["report", "nowhere"]) == 1
+    assert "cannot open the log nowhere/log.mcap" in capsys.readouterr().err
+
+
+def test_drive_without_a_terminal_says_so(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(drive, "terminal", lambda: False)
+    assert main(["drive"]) == 1
+    assert "drive needs a terminal" in capsys.readouterr().err
+
+
+def recorded(run_dir: Path) -> None:
+    life = Life()
+    sink = McapSink(run_dir / "log.mcap", "draco3", LoggerConfig())
+    for pair in life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)):
+        one = sample(pair, at=life.now / 1000)
+        sink.write(one, wire_header(one.payload))
+    sink.close(to_metadata({f"draco3/{TELEOP_GAIT.name}": KeyCount(recorded=1, dropped=3)}))
+
+
+def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    summary = write_summary(tmp_path, Verdict("completed"), {"mode": "rated"})
+    assert summary.gaits["forward"].completed == 1
+    assert summary.topics[TELEOP_GAIT.name].dropped == 3
+    assert not summary.log_truncated
+    kept = json.loads((tmp_path / "summary.json").read_text())
+    assert kept["environment"]["mode"] == "rated"
+    assert kept["environment"]["python"].startswith("3.")
+    assert kept["gait_runs"][0]["forward"] == pytest.approx(0.2)
+    text = "\n".join(report_lines(summary))
+    assert "1 completed of 1 accepted and 1 requested" in text
+    assert "forward +0.200 m of +0.200" in text
+    assert "3 dropped" in text
+    assert [line.split()[-1] for line in file_lines(tmp_path)] == [
+        str(tmp_path / "log.mcap"),
+        str(tmp_path / "summary.json"),
+    ]
+
+
+def test_summing_up_again_keeps_the_verdict(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    write_summary(tmp_path, Verdict("interrupted", "why"), {"mode": "rated"})
+    verdict, settings = known_verdict(tmp_path)
+    assert verdict == Verdict("interrupted", "why")
+    assert settings["mode"] == "rated"
+    (tmp_path / "summary.json").write_text("{}")
+    assert known_verdict(tmp_path) == (Verdict("completed"), {})
+
+
+def test_a_cut_off_log_is_summed_up_and_called_so(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    log = tmp_path / "log.mcap"
+    log.write_bytes(log.read_bytes()[:-100])
+    assert write_summary(tmp_path, Verdict("completed"), {}).log_truncated
+    with pytest.raises(LoggerError, match="cannot open"):
+        write_summary(tmp_path / "none", Verdict("completed"), {})
+
+
+def test_a_report_of_nothing_has_no_gaps_in_it() -> None:
+    text = "\n".join(report_lines(summarise([], outcome="service died", reason="wbc ended")))
+    assert "service died: wbc ended" in text
+
+
+def test_make_help_lists_every_target() -> None:
+    ended = subprocess.run(
+        ["make", "-s", "-C", str(ROOT), "help"], capture_output=True, text=True, check=True
+    )
+    for target in ("demo", "drive", "top", "test", "suite", "bench", "lint"):
+        assert f"  {target} " in ended.stdout
+
+
+def test_setup_names_what_is_missing(tmp_path: Path) -> None:
+    for tool in ("dirname", "cat", "uname", "id"):
+        where = subprocess.run(["which", tool], capture_output=True, text=True, check=True)
+        (tmp_path / tool).symlink_to(where.stdout.strip())
+    ended = subprocess.run(
+        ["/bin/sh", str(ROOT / "deploy/setup.sh"), str(tmp_path / "venv")],
+        env={"PATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert ended.returncode == 1
+    assert "no Python 3.11 or 3.12 found" in ended.stderr
+    assert "apt-get install python3.11" in ended.stderr
+
+
+def test_the_command_runs_from_anywhere(tmp_path: Path) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-m", "deploy.cli", "top", "--help"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert "Publishes" in ended.stdout
