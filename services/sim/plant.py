@@ -127,8 +127,6 @@ class Plant:
     def offer(self, command: JointCommand) -> bool:
         """Hand a command to the guard; whether it is now applied."""
         if not self.guard.offer(command, self.now_ns):
-            reason = self.guard.last_refusal
-            _LOG.debug("command refused: %s", reason.value if reason else "")
             return False
         stamp = command.header.stamp
         self._target = motor_target(
@@ -191,6 +189,7 @@ class Plant:
         )
 
     def _enter(self, mode: GuardMode) -> None:
+        _LOG.info("guard: %s at %.3f s%s", mode.name, self.now_ns * 1e-9, " (fallen)" * self.fallen)
         self._mode = mode
         command = self.guard.command
         if mode is GuardMode.HOLD and command is not None:

@@ -49,6 +49,8 @@ class PlantService(Service):
         self._pace = Pace(config.physics_steps, config.catch_up_steps)
         self._truth_due = Every(config.truth_rate)
         self._status_due = Every(config.status_rate)
+        self._refusals_due = Every(1)
+        self._refusals_told = 0
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
@@ -74,7 +76,17 @@ class PlantService(Service):
             outputs.append(Output(PLANT_TRUTH, plant.truth()))
         if self._status_due.due(now_ns):
             outputs.append(Output(PLANT_STATUS, self._status(now_ns)))
+        if self._refusals_due.due(now_ns):
+            self._tell_refusals()
         return outputs
+
+    def _tell_refusals(self) -> None:
+        """Log what the guard refused, at most once a second."""
+        guard = self.plant.guard
+        if guard.refused > self._refusals_told and guard.last_refusal is not None:
+            new = guard.refused - self._refusals_told
+            _LOG.warning("refused %d commands, the last: %s", new, guard.last_refusal.value)
+            self._refusals_told = guard.refused
 
     def _advance(self, steps: int) -> None:
         plant = self.plant

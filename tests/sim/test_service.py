@@ -96,11 +96,18 @@ def test_a_new_command_is_offered_once() -> None:
     assert bench.status.holds == 1
 
 
-def test_refused_commands_are_counted() -> None:
+def test_refused_commands_are_counted_and_told_once_a_second(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     bench = Bench()
-    bench.inputs.put(WBC_COMMAND, make_command(0))
-    bench.run(101)
-    assert (bench.status.commands_applied, bench.status.commands_refused) == (0, 1)
+    bench.run(10)
+    for _ in range(30):
+        bench.inputs.put(WBC_COMMAND, make_command(0))
+        bench.run(10)
+    bench.run(3000)
+    told = [record.message for record in caplog.records]
+    assert told == ["refused 30 commands, the last: made from a state before the last reset"]
+    assert (bench.status.commands_applied, bench.status.commands_refused) == (0, 30)
     assert bench.guard() is GuardMode.SILENT
 
 
