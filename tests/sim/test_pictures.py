@@ -1,5 +1,6 @@
 """What the eyes see and what a run looks like; needs EGL."""
 
+import os
 import sys
 from typing import Any
 
@@ -7,7 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
+from common.errors import ConfigError
+from common.runtime.main import argument_parser
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH
+from services.sim import cameras
 from services.sim.cameras import CameraConfig, CameraService, StereoRenderer, encode
 from services.sim.errors import RenderingUnavailableError
 from services.sim.offscreen import Offscreen
@@ -145,6 +149,25 @@ def test_the_follow_camera_keeps_a_walking_robot_in_the_picture(truth: Any) -> N
         columns = np.nonzero(white[40:80])[1]
         assert abs(np.median(columns) - 80) < 20, "the white robot is in the middle"
     assert fixed[0].shape == (120, 160, 3)
+
+
+def test_the_cameras_are_nice_and_take_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    niceness: list[int] = []
+    monkeypatch.setattr(os, "nice", niceness.append)
+    parser = argument_parser("cameras", cameras.DESCRIPTION)
+    cameras._add_arguments(parser)
+    arguments = parser.parse_args(["--rate", "10", "--width", "64", "--height", "48"])
+    arguments.settings = {"rate": 30, "quality": 70}
+    try:
+        service = cameras._build(arguments)
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    service.close()
+    assert service.period_ns == 100 * MS
+    assert niceness == [10]
+    arguments.settings = {"encoding": "gif"}
+    with pytest.raises(ConfigError, match="CameraConfig is wrong"):
+        cameras._build(arguments)
 
 
 def test_contact_sheet_lays_frames_out_in_reading_order() -> None:

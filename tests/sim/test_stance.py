@@ -10,7 +10,7 @@ from common.robot.joints import JOINT_INDEX
 from services.sim.errors import SceneError, StandError
 from services.sim.gripper import jaw_closure, jaw_command
 from services.sim.stance import standing_qpos, standing_torque
-from services.sim.world import build_model, find_addresses
+from services.sim.world import build_model, build_spec, find_addresses
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,15 @@ def test_looks_do_not_matter_to_physics(model: Any) -> None:
         mujoco.mj_step(each, data, 300)
         states.append(np.array(data.qpos))
     assert np.array_equal(states[0], states[1])
+
+
+def test_motors_out_of_order_are_refused() -> None:
+    spec = build_spec(looks=False)
+    spec.delete(spec.actuators[0])
+    with pytest.raises(
+        SceneError, match="expected the model's first 25 actuators to be the motors"
+    ):
+        find_addresses(spec.compile())
 
 
 def test_an_unknown_scene_is_refused_with_the_known_ones() -> None:
