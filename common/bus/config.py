@@ -1,10 +1,12 @@
 """Configuration of the bus and the scheme by which services find each other.
 
 Every known service has its own TCP port (:data:`PORT_OFFSETS` above a base port) on which it
-listens, and keeps trying to connect to the ports of all the others. So services on one machine
-find each other without a router, without multicast and in any starting order, and a restarted
-one is found again. Several stacks run side by side on different base ports. A service that is
-not in the table listens on a port the system picks and connects to the whole table.
+listens, and keeps trying to connect to the ports before its own in the table; a pair is thus
+connected by one of the two, whichever of them came first or came back last. So services on one
+machine find each other without a router, without multicast and in any starting order. Several
+stacks run side by side on different base ports. A service that is not in the table listens on a
+port the system picks and connects to the whole table; two of these find each other by gossip
+as long as a service of the table runs.
 
 Two peers of which neither reaches the other's listening port exchange nothing, silently; a
 service behind a router or a firewall therefore has to use ``mode="client"``.
@@ -57,7 +59,8 @@ class BusConfig(BaseModel):
         default=None, description="endpoints to listen on; None: this service's port in the table"
     )
     connect: tuple[str, ...] | None = Field(
-        default=None, description="endpoints to connect to; None: every other port of the table"
+        default=None,
+        description="endpoints to connect to; None: the ports before this service's own",
     )
     lease_ms: int = Field(
         default=1500, ge=100, le=60_000, description="a silent link is given up after this long"
@@ -94,10 +97,11 @@ class BusConfig(BaseModel):
         """Whom ``service`` connects to."""
         if self.connect is not None:
             return list(self.connect)
+        own = PORT_OFFSETS.get(service, 1 + max(PORT_OFFSETS.values()))
         return [
             self._endpoint(self.base_port + offset)
-            for name, offset in PORT_OFFSETS.items()
-            if name != service
+            for offset in PORT_OFFSETS.values()
+            if offset < own or self.mode == "client"
         ]
 
     def zenoh_config(self, service: str) -> dict[str, Any]:
@@ -105,7 +109,14 @@ class BusConfig(BaseModel):
         queue_names = ("real_time", "interactive_high", "interactive_low", "data", "data_low")
         base: dict[str, Any] = {
             "mode": self.mode,
-            "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": True}},
+            "scouting": {
+                "multicast": {"enabled": False},
+                # Of two peers that hear of each other only one connects: no crossing attempts.
+                "gossip": {
+                    "enabled": True,
+                    "autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},
+                },
+            },
             "listen": {"endpoints": self.listen_endpoints(service)},
             "connect": {
                 "endpoints": self.connect_endpoints(service),

@@ -30,8 +30,9 @@ class TriggerPace:
     Arrivals may come several per period (states at 200 Hz, steps at 100 Hz). The expected time of
     the next step follows the arrivals that started one through a first-order filter, so one late
     arrival does not move the phase, and an arrival counts as the expected one when it comes no
-    earlier than ``tolerance`` before it. Without an arrival the step runs 1.5 periods after the
-    previous one.
+    earlier than ``tolerance`` before it. A sender that floods can thereby raise the rate by
+    ``GAIN * tolerance / period`` at most, a few percent. Without an arrival the step runs 1.5
+    periods after the previous one.
     """
 
     GAIN = 0.1

@@ -3,13 +3,14 @@
 import argparse
 import os
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from common.runtime.main import run_live
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import Gait, GaitRequest, Header, JointCommand, PlantState
-from common.topics import PLANT_STATE, TELEOP_GAIT, WBC_COMMAND
+from common.schemas import CameraFrame, Gait, GaitRequest, Header, JointCommand, PlantState
+from common.topics import CAMERA_LEFT, PLANT_STATE, TELEOP_GAIT, WBC_COMMAND, Topic
 
 
 def plant_state(value: float, stamp: int = 0) -> PlantState:
@@ -44,8 +45,8 @@ class ToyPlant(Service):
     """An integrator: joint position moves by 1 % of the way to the command each millisecond."""
 
     name = "sim"
-    reads = (WBC_COMMAND,)
-    writes = (PLANT_STATE,)
+    reads: tuple[Topic[Any], ...] = (WBC_COMMAND,)
+    writes: tuple[Topic[Any], ...] = (PLANT_STATE,)
 
     def __init__(self, period_ns: int = 1_000_000, every: int = 5) -> None:
         self.period_ns = period_ns
@@ -75,8 +76,8 @@ class ToyController(Service):
 
     name = "wbc"
     period_ns = 10_000_000
-    reads = (PLANT_STATE, TELEOP_GAIT)
-    writes = (WBC_COMMAND,)
+    reads: tuple[Topic[Any], ...] = (PLANT_STATE, TELEOP_GAIT)
+    writes: tuple[Topic[Any], ...] = (WBC_COMMAND,)
 
     def __init__(self, trigger: bool = False) -> None:
         self.trigger = PLANT_STATE if trigger else None
@@ -104,6 +105,27 @@ class Failing(ToyPlant):
         return super().step(inputs, now_ns)
 
 
+class FilmingPlant(ToyPlant):
+    """Publishes 14 MB/s of pictures beside its state."""
+
+    writes = (PLANT_STATE, CAMERA_LEFT)
+    picture = CameraFrame(
+        eye="left", width=640, height=360, encoding="rgb8", data=bytes(640 * 360 * 3)
+    )
+
+    def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+        outputs = list(super().step(inputs, now_ns))
+        if self.steps % 10 == 0:
+            outputs.append(Output(CAMERA_LEFT, self.picture))
+        return outputs
+
+
+class WatchingController(ToyController):
+    """Reads the pictures too."""
+
+    reads = (PLANT_STATE, TELEOP_GAIT, CAMERA_LEFT)
+
+
 def gait_request(number: int) -> GaitRequest:
     return GaitRequest(request_id=number, gait=Gait.FORWARD)
 
@@ -111,8 +133,16 @@ def gait_request(number: int) -> GaitRequest:
 def build(arguments: argparse.Namespace) -> Service:
     if arguments.kind == "plant":
         return ToyPlant(period_ns=5_000_000, every=1)
+    if arguments.kind == "filming":
+        return FilmingPlant(period_ns=5_000_000, every=1)
+    if arguments.kind == "watching":
+        return WatchingController(trigger=True)
     if arguments.kind == "failing":
         return Failing(period_ns=5_000_000, every=1)
+    if arguments.kind == "undeclared":
+        plant = ToyPlant(period_ns=5_000_000, every=1)
+        plant.writes = ()
+        return plant
     return ToyController(trigger=True)
 
 
