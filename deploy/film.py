@@ -9,6 +9,10 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from common.robot.joints import LEFT_ARM, RIGHT_ARM
 from common.schemas import (
     CameraFrame,
     Gait,
@@ -21,8 +25,6 @@ from common.schemas import (
 )
 from common.topics import PLANT_TRUTH, Topic
 
-GRIP_SHOWN = 0.5
-"""A gripper closed further than this is worth showing."""
 RATE = 12.5
 """Ground truth is thinned to this [Hz], so that hours of it fit in memory."""
 MOST_PICTURES = 2000
@@ -144,7 +146,7 @@ def moments(film: Film, spare: int = 6) -> list[Moment]:
     """The moments worth a picture, in order of time.
 
     Of a section with gaits, the first time each type of gait is seen, mid swing; of any other,
-    its end, or the time its grippers were closed furthest. ``spare`` evenly spaced ones are added
+    when arms and grippers had moved furthest. ``spare`` evenly spaced ones are added
     when the operator labelled nothing. A fall is always shown.
     """
     if not film.truth:
@@ -170,12 +172,20 @@ def moments(film: Film, spare: int = 6) -> list[Moment]:
 
 
 def _telling(truth: Sequence[PlantState], section: Section) -> int:
-    """The end of a section, or where the grippers were closed furthest if they opened again."""
-    closures = [float(max(s.gripper_closure)) for s in truth[section.start : section.end + 1]]
-    furthest = max(closures)
-    if furthest >= GRIP_SHOWN > max(closures[0], closures[-1]):
-        return section.start + closures.index(furthest)
-    return section.end
+    """When the arms and grippers were furthest from how the section found them; else its end."""
+    found = _posture(truth[section.start])
+    away = [
+        float(np.linalg.norm(_posture(state) - found))
+        for state in truth[section.start : section.end + 1]
+    ]
+    # Of equals the last: a section in which nothing moves is shown at its end.
+    return section.end - int(np.argmax(np.round(away[::-1], 3)))
+
+
+def _posture(state: PlantState) -> NDArray[np.float64]:
+    """Arm joints [rad] and grippers, whose full stroke counts as much as two radians."""
+    arms = state.joint_position[np.r_[LEFT_ARM, RIGHT_ARM]]
+    return np.concatenate([arms, 2.0 * state.gripper_closure])
 
 
 def frame_step(film: Film, most: int) -> int:

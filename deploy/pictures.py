@@ -28,7 +28,7 @@ COLUMNS = 4
 VIDEO = (640, 360)
 LONGEST_VIDEO = 240.0
 """A longer run is shown faster [s]."""
-_NEAR = FollowCamera(distance=2.1, height=0.62, lag=0.01)
+_NEAR = FollowCamera(distance=2.3, height=0.66, lag=0.01)
 _WHITE, _SHADE = (255, 255, 255), (20, 24, 28)
 
 
@@ -51,7 +51,7 @@ def write_contact_sheet(
         tiles.append(caption(image, text))
         progress(len(tiles), len(chosen))
     tiles += _eyes(film, chosen)
-    tiles.append(caption(plot_path(film, commanded, *TILE), "path from above: commanded, walked"))
+    tiles.append(caption(plot_path(film, commanded, *TILE), "path from above (rings: commanded)"))
     sheet = contact_sheet(tiles, COLUMNS)
     if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):
         raise DeployError(f"cannot write {path}")

@@ -82,6 +82,10 @@ class Track:
         self.last, self.stamp = planar_pose(truth), truth.header.stamp
 
 
+_UNHEARD = ("", 0)
+"""Sender of a request that was answered but not (or not yet) recorded."""
+
+
 @dataclass
 class _Request:
     request_id: int
@@ -113,13 +117,15 @@ class GaitLedger:
         """Note a request."""
         sender = (message.header.source, message.header.boot)
         known = self._latest.get(message.request_id)
-        if known is None or known.sender != sender:
+        if known is not None and known.sender == _UNHEARD:
+            known.sender = sender  # two links: the answer may overtake its request
+        elif known is None or known.sender != sender:
             self._open(message.request_id, message.gait, sender)
 
     def reply(self, message: GaitReply, track: Track) -> None:
         """Note a reply; the robot is where ``track`` last saw it."""
         entry = self._latest.get(message.request_id) or self._open(
-            message.request_id, message.gait, ("", 0)
+            message.request_id, message.gait, _UNHEARD
         )
         here = None if track.last is None else (track.stamp, track.last)
         if message.outcome is GaitOutcome.ACCEPTED:

@@ -11,9 +11,6 @@ import pytest
 
 from deploy.run_summary import RunSummary
 
-pytest.importorskip("mujoco")
-pytest.importorskip("pinocchio")
-
 ROOT = Path(__file__).parents[2]
 SCRIPT = {
     "name": "one gait",

@@ -103,6 +103,17 @@ def test_gaits_are_counted_by_type_and_outcome() -> None:
     assert summary.gait_runs[1].reason == "fell"
 
 
+def test_an_answer_recorded_before_its_request_is_still_its_answer() -> None:
+    life = Life()
+    messages = [
+        life.answer(4, Gait.TURN_RIGHT, GaitOutcome.ACCEPTED),
+        life.ask(4, Gait.TURN_RIGHT),
+        life.answer(4, Gait.TURN_RIGHT, GaitOutcome.COMPLETED),
+    ]
+    (run,) = summarise(messages).gait_runs
+    assert run.outcome == "completed"
+
+
 def test_a_fall_overrules_a_completed_run_but_not_another_verdict() -> None:
     life = Life()
     messages = [life.status(), life.status(fallen=True), life.status(fallen=True), life.status()]
