@@ -44,6 +44,7 @@ def test_the_contact_sheet_has_every_moment_and_the_path(film: Film, tmp_path: P
     path = tmp_path / "sheet.png"
     write_contact_sheet(path, film, commanded_motions(GaitConfig()), quiet)
     sheet = cv2.imread(str(path))
+    assert sheet is not None
     # One gait, the robot's left eye and the path.
     assert sheet.shape[0] == TILE[1]
     assert TILE[0] * 3 <= sheet.shape[1] < TILE[0] * COLUMNS
