@@ -22,7 +22,7 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:
             "drive needs a terminal for your keys; start it in one (ssh -t, not a pipe), or run "
             "`trill demo`, which needs none"
         )
-    verdict = Verdict("interrupted", "stopped from outside")
+    verdict = Verdict("completed", "left by Ctrl-C")
     with running_system(options, base_port, [keyboard_operator()]) as running:
         while True:
             last = _decisive(running.supervisor, running.supervisor.poll())

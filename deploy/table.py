@@ -8,11 +8,14 @@ from rich.text import Text
 from common.schemas import ControllerState, OperatorStatus, PlantStatus
 from deploy.board import ServiceRow, TopicRow, View
 
+SILENCE = "nothing heard yet; is a system running, and on this base port?"
 BAD, GOOD, DIM = "bold red", "green", "dim"
 
 
 def draw(view: View, title: str) -> RenderableType:
     """The whole table under ``title``."""
+    if not view.topics:
+        return Group(Text(title, style="bold"), Text(SILENCE))
     return Group(
         Text(title, style="bold"),
         _robot(view.control, view.plant),
@@ -24,6 +27,8 @@ def draw(view: View, title: str) -> RenderableType:
 
 def line(view: View) -> str:
     """The same in one line, for where no table can be drawn."""
+    if not view.topics:
+        return SILENCE
     parts = []
     if view.operator is not None:
         parts.append(f"step {view.operator.step}/{view.operator.steps} {view.operator.label!r}")

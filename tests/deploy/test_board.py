@@ -111,5 +111,5 @@ def test_an_empty_bus_is_shown_too() -> None:
     view = Board("draco3").view(0)
     out = io.StringIO()
     Console(file=out, width=80).print(draw(view, "t"))
-    assert "silent" in out.getvalue()
-    assert "gaps 0" in line(view)
+    assert "nothing heard yet" in out.getvalue()
+    assert "nothing heard yet" in line(view)
