@@ -10,10 +10,11 @@ import numpy as np
 from common.robot import joints
 from common.schemas import Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.body import BodyReference
 from services.wbc.config import MotorGains, WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
 from services.wbc.hands import HandReference
-from services.wbc.locomotion import BodyReference, Locomotion
+from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
 from services.wbc.robot_model import NV, Dynamics, FrameKinematics, RobotModel, RobotState
 from services.wbc.rotations import matrix_from_quaternion, rotation_vector
@@ -122,7 +123,7 @@ class Controller:
         for hand, kinematics in zip(self.hands, hands, strict=True):
             if not hand.started:
                 hand.hold(kinematics.position, kinematics.rotation, time)
-        body = self.locomotion.update(dynamics, time)
+        body = self.locomotion.update(dynamics, state.foot_normal_force, time)
         self._fill_tasks(dynamics, hands, body, time)
         after_tasks = perf_counter()
         data = self.builder.build(

@@ -1,44 +1,22 @@
 """The locomotion state machine: stand up, balance, and one gait at a time on request."""
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
 from common.schemas import ControlState, Gait, GaitOutcome
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.body import BodyReference, SwingPair, force_limits, heading
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Footprint, Side, Stance, stance_between
 from services.wbc.gait_plan import GaitPlan, Phase, plan_gait
 from services.wbc.robot_model import Dynamics
 from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
-from services.wbc.swing import PoseReference, SwingTrajectory, minimum_jerk
+from services.wbc.swing import PoseReference, SwingTrajectory
+from services.wbc.takeover import Takeover
 
-UNLOADED = 1e-3
-"""Normal force left to a foot that should carry nothing [N]."""
 SWINGS = (ControlState.LF_SWING, ControlState.RF_SWING)
-
-
-class BodyReference(NamedTuple):
-    """What locomotion asks of the body at one instant, in world.
-
-    Attributes:
-        com, com_velocity, com_acceleration: (3,).
-        dcm: (2,) planned.
-        torso: heading reference of torso_link (position unused).
-        swing: per foot the reference of its swing, or None for a stance foot.
-        normal_force_max: per foot [N]; load: per foot share of the schedule, 0 to 1.
-    """
-
-    com: Array
-    com_velocity: Array
-    com_acceleration: Array
-    dcm: Array
-    torso: PoseReference
-    swing: tuple[PoseReference | None, PoseReference | None]
-    normal_force_max: tuple[float, float]
-    load: tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -81,8 +59,7 @@ class Locomotion:
         self.state = ControlState.STAND
         self.completed = 0
         self._start_time: float | None = None
-        self._start_com = np.zeros(3)
-        self._start_yaw = 0.0
+        self._takeover: Takeover | None = None
         self._anchor: Stance | None = None
         self._plan: GaitPlan | None = None
         self._request: tuple[int, Gait] | None = None
@@ -106,21 +83,28 @@ class Locomotion:
         answers, self._answers = self._answers, []
         return answers
 
+    def abort(self, reason: str) -> Answer | None:
+        """Answer for the gait in progress, if there is one, that will not be completed."""
+        if self._request is None:
+            return None
+        return Answer(*self._request, GaitOutcome.ABORTED, reason)
+
     def progress(self, time: float) -> float:
         """Share of the running gait, 0 while standing."""
         if self._plan is None or self._request is None or self._start_time is None:
             return 0.0
         return min(1.0, max(0.0, (time - self._start_time) / self._plan.duration))
 
-    def update(self, dynamics: Dynamics, time: float) -> BodyReference:
-        """Advance to ``time`` and return the references."""
+    def update(self, dynamics: Dynamics, foot_force: Array, time: float) -> BodyReference:
+        """Advance to ``time`` and return the references; ``foot_force`` as measured (2,) [N]."""
         self._observe_feet(dynamics)
-        if self._start_time is None:
-            self._begin_stand(dynamics, time)
+        if self._takeover is None:
+            self._takeover = Takeover(dynamics, foot_force, time, self._config)
+            self.state = self._takeover.state(time)
         self._finish_gait(time)
         self._handle_requests(time)
-        if self.state is ControlState.STAND:
-            reference = self._standing_up(time)
+        if self._anchor is None:
+            reference = self._taking_over(self._takeover, time)
         elif self._request is not None:
             reference = self._walking(time)
         else:
@@ -150,37 +134,29 @@ class Locomotion:
         soles = 0.5 * float(self._feet[0].position[2] + self._feet[1].position[2])
         return soles + self._config.gait.com_height
 
-    def _begin_stand(self, dynamics: Dynamics, time: float) -> None:
-        self._start_time = time
-        self._start_com = dynamics.com_position.copy()
-        self._start_yaw = yaw_of(dynamics.base_rotation)
-
-    def _standing_up(self, time: float) -> BodyReference:
-        assert self._start_time is not None
-        length = self._config.stand_time
-        elapsed = time - self._start_time
+    def _taking_over(self, takeover: Takeover, time: float) -> BodyReference:
+        self.state = takeover.state(time)
         stance = stance_between(*self._footprints())
-        goal = np.array([*stance.position, self._com_height()])
-        s, sd, sdd = minimum_jerk(elapsed / length, length)
-        offset = goal - self._start_com
-        if elapsed >= length:
+        reference = takeover.reference(time, stance, self._com_height())
+        if takeover.done(time):
             self.state = ControlState.BALANCE
             self._anchor = stance
-        yaw = self._start_yaw + s * wrap_angle(stance.yaw - self._start_yaw)
-        com = self._start_com + s * offset
-        load = (min(1.0, elapsed / 0.05),) * 2
-        return self._reference(
-            com, sd * offset, sdd * offset, com[:2], (yaw, 0.0, 0.0), (None, None), load
-        )
+        return reference
 
     def _balancing(self, time: float) -> BodyReference:
         if self._plan is not None and self._start_time is not None:
             return self._along_plan(self._plan, time - self._start_time, (None, None))
         assert self._anchor is not None
         com = np.array([*self._anchor.position, self._com_height()])
-        yaw = (self._anchor.yaw, 0.0, 0.0)
-        return self._reference(
-            com, np.zeros(3), np.zeros(3), com[:2], yaw, (None, None), (1.0, 1.0)
+        return BodyReference(
+            com,
+            np.zeros(3),
+            np.zeros(3),
+            com[:2],
+            heading(self._anchor.yaw),
+            (None, None),
+            force_limits((1.0, 1.0), self._config.contact.normal_force_max),
+            (1.0, 1.0),
         )
 
     def _walking(self, time: float) -> BodyReference:
@@ -214,21 +190,23 @@ class Locomotion:
         self,
         plan: GaitPlan,
         elapsed: float,
-        swing: tuple[PoseReference | None, PoseReference | None],
+        swing: SwingPair,
     ) -> BodyReference:
         target = plan.dcm.at(elapsed)
         height = self._last_height(swing)
-        return self._reference(
+        load = (plan.load_at(0, elapsed), plan.load_at(1, elapsed))
+        return BodyReference(
             np.array([*target.com, height]),
             np.array([*target.com_velocity, 0.0]),
             np.array([*target.com_acceleration, 0.0]),
             target.dcm,
-            plan.yaw_at(elapsed),
+            heading(*plan.yaw_at(elapsed)),
             swing,
-            (plan.load_at(0, elapsed), plan.load_at(1, elapsed)),
+            force_limits(load, self._config.contact.normal_force_max),
+            load,
         )
 
-    def _last_height(self, swing: tuple[PoseReference | None, PoseReference | None]) -> float:
+    def _last_height(self, swing: SwingPair) -> float:
         """CoM height above the soles that stand; low-passed, for the ground may step."""
         left, right = (float(foot.position[2]) for foot in self._feet)
         standing = [z for z, s in zip((left, right), swing, strict=True) if s is None]
@@ -237,22 +215,6 @@ class Locomotion:
             return goal
         last = float(self._last.com[2])
         return last + (goal - last) * min(1.0, 5.0 / self._config.rate)
-
-    def _reference(
-        self,
-        com: Array,
-        velocity: Array,
-        acceleration: Array,
-        dcm: Array,
-        yaw: tuple[float, float, float],
-        swing: tuple[PoseReference | None, PoseReference | None],
-        load: tuple[float, float],
-    ) -> BodyReference:
-        up = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-        torso = PoseReference(np.zeros(3), matrix_from_yaw(yaw[0]), yaw[1] * up, yaw[2] * up)
-        full = self._config.contact.normal_force_max
-        limits = (max(UNLOADED, load[0] * full), max(UNLOADED, load[1] * full))
-        return BodyReference(com, velocity, acceleration, dcm, torso, swing, limits, load)
 
     def _finish_gait(self, time: float) -> None:
         if self._request is None or self._plan is None or self._start_time is None:

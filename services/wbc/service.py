@@ -1,5 +1,6 @@
 """The controller as a service: inboxes in, joint commands and controller state out."""
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
@@ -9,6 +10,7 @@ from common.schemas import (
     ControllerState,
     GaitOutcome,
     GaitReply,
+    GaitRequest,
     Header,
     JointCommand,
     PlantState,
@@ -25,12 +27,16 @@ from services.wbc.config import WbcConfig
 from services.wbc.controller import Command, Controller, TickReport, joint_gains
 from services.wbc.requests import RequestBook
 
+LONGEST_GAP_NS = 120_000_000
+"""States further apart than this [ns] mean that the plant's guard has been holding the robot."""
+_LOG = logging.getLogger(__name__)
+
 
 class WbcService(Service):
     """Whole-body controller, ticking at ``config.rate`` and phase-locked to the plant's state.
 
-    A reset of the plant (its ``reset_count`` changes, or robot time jumps back) starts a fresh
-    controller, as does a restart of this process: it takes over from the measured posture.
+    A reset of the plant or a long silence starts a fresh controller, as does a restart of this
+    process: it takes over from the measured posture. The gait in progress is answered ABORTED.
     """
 
     name = "wbc"
@@ -47,30 +53,25 @@ class WbcService(Service):
         self._reset_count: int | None = None
         self._stamp = -1
         self._unsolved_before = 0
+        self._completed_before = 0
+        self._requests: list[GaitRequest] = []
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """One tick; silent while there is no newer state to control."""
         state = inputs.latest(PLANT_STATE)
-        requests = inputs.events(TELEOP_GAIT)
+        self._requests += inputs.events(TELEOP_GAIT)
         if state is None or state.header.stamp == self._stamp:
-            # Without a new state there is nothing to control; the plant's guard counts the silence.
-            return [
-                self._reply(r.request_id, r.gait, GaitOutcome.REFUSED, "no fresh plant state")
-                for r in requests
-            ]
-        self._restart_if_needed(state)
+            return self._without_state(inputs)
+        outputs = self._restart_if_needed(state)
         self._stamp = state.header.stamp
         time = state.header.stamp * 1e-9
         setpoint = inputs.latest(TELEOP_SETPOINT)
         if setpoint is not None and inputs.updated(TELEOP_SETPOINT):
             self.controller.set_setpoint(setpoint, time)
-        repeated = [reply for r in requests if (reply := self._book.answered(r)) is not None]
-        for request in requests:
-            if (number := self._book.enter(request)) is not None:
-                self.controller.request(number, request.gait)
+        outputs += self._take_requests()
         command, report = self.controller.tick(state, time)
         header = Header(stamp=state.header.stamp)
-        outputs = [
+        outputs += [
             Output(WBC_COMMAND, self._joint_command(command, header)),
             Output(WBC_STATE, self._controller_state(report, time, header, inputs)),
         ]
@@ -78,18 +79,58 @@ class WbcService(Service):
             self._book.note(answer)
             request_id = self._book.request_id(answer)
             outputs.append(self._reply(request_id, answer.gait, answer.outcome, answer.reason))
-        for reply in repeated:
-            outputs.append(self._reply(reply.request_id, reply.gait, reply.outcome, reply.reason))
         return outputs
 
-    def _restart_if_needed(self, state: PlantState) -> None:
-        known, now = self._reset_count, state.reset_count
-        went_back = state.header.stamp < self._stamp
-        if known is not None and (known != now or went_back):
-            self._unsolved_before += self.controller.unsolved
-            self.controller = Controller(self.config)
-            self._book = RequestBook()
-        self._reset_count = now
+    def _without_state(self, inputs: Inputs) -> list[Output]:
+        """Nothing to control; requests wait for the next state unless the plant is gone."""
+        if inputs.fresh(PLANT_STATE):
+            return []
+        requests, self._requests = self._requests, []
+        return [
+            self._reply(r.request_id, r.gait, GaitOutcome.REFUSED, "no fresh plant state")
+            for r in requests
+        ]
+
+    def _take_requests(self) -> list[Output]:
+        """Pass new requests on; answer repeated ones with what is already known."""
+        outputs = []
+        requests, self._requests = self._requests, []
+        for request in requests:
+            known = self._book.answered(request)
+            if known is not None:
+                outputs.append(
+                    self._reply(known.request_id, known.gait, known.outcome, known.reason)
+                )
+            elif (number := self._book.enter(request)) is not None:
+                self.controller.request(number, request.gait)
+        return outputs
+
+    def _restart_if_needed(self, state: PlantState) -> list[Output]:
+        """Start afresh if the robot is no longer where the controller left it.
+
+        After a reset it stands elsewhere; after a silence the plant's guard has held it, and a
+        plan that went on meanwhile would be far ahead of the feet.
+        """
+        reason = ""
+        if self._reset_count not in (None, state.reset_count) or state.header.stamp < self._stamp:
+            reason = "the plant was reset"
+        elif self._stamp >= 0 and state.header.stamp - self._stamp > LONGEST_GAP_NS:
+            gap = (state.header.stamp - self._stamp) * 1e-9
+            reason = f"the controller was silent for {gap:.2f} s"
+        self._reset_count = state.reset_count
+        if not reason:
+            return []
+        _LOG.warning("starting afresh: %s", reason)
+        aborted = self.controller.locomotion.abort(reason)
+        outputs = []
+        if aborted is not None:
+            self._book.note(aborted)
+            request_id = self._book.request_id(aborted)
+            outputs = [self._reply(request_id, aborted.gait, aborted.outcome, aborted.reason)]
+        self._unsolved_before += self.controller.unsolved
+        self._completed_before += self.controller.locomotion.completed
+        self.controller = Controller(self.config)
+        return outputs
 
     def _joint_command(self, command: Command, header: Header) -> JointCommand:
         return JointCommand(
@@ -116,7 +157,7 @@ class WbcService(Service):
             state=locomotion.state,
             gait=locomotion.gait,
             gait_progress=locomotion.progress(time),
-            gaits_completed=locomotion.completed,
+            gaits_completed=self._completed_before + locomotion.completed,
             dcm_error=report.dcm_error,
             com_in_world=report.com,
             hand_position_error=np.ascontiguousarray(report.hand_error[:, 0]),

@@ -68,7 +68,7 @@ def _write(path: Path, checks: list[Check], outcomes: dict[int, Outcome]) -> Non
         {
             "group": check.group,
             "check": check.name,
-            "passed": outcomes[index].passed,
+            "passed": bool(outcomes[index].passed),
             "text": outcomes[index].text,
             **outcomes[index].numbers,
         }

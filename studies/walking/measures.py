@@ -193,9 +193,7 @@ def silence(
     stack.runner.resume_service("wbc")
     stack.run_for(0.1)
     first = commands[sent] if len(commands) > sent else before
-    if not restart:
-        stack.run_script()
-    stack.run_for(3.0)
+    stack.run_for(5.0)
     return SilenceResult(stack.fallen, held, float(np.abs(first - before).max()))
 
 

@@ -75,6 +75,12 @@ def test_restarted_controller_takes_over_without_a_jump() -> None:
     assert result.joint_step < 0.05
 
 
+@pytest.mark.parametrize("at", [2.0, 2.9])
+def test_controller_restarted_in_mid_gait_puts_the_foot_down(at: float) -> None:
+    outcome = checks.midway_check(0.5, True, (at,))
+    assert outcome.passed, outcome.text
+
+
 @pytest.mark.parametrize("axis", [1, 2])
 def test_hands_follow_a_sine_standing(axis: int) -> None:
     outcome = checks.tracking_check(axis, (), 0.010)

@@ -1,0 +1,127 @@
+"""Taking the robot over in whatever stance it is found: put a raised foot down, then stand up.
+
+A controller that starts, or restarts after a silence, may find the robot held on one leg in the
+middle of a step. It lowers the raised foot straight down while the CoM stays over the other, and
+only then moves the CoM between the feet.
+"""
+
+import numpy as np
+
+from common.schemas import ControlState
+from common.schemas.arrays import Float64Array as Array
+from services.wbc.body import BodyReference, SwingPair, force_limits, heading
+from services.wbc.config import WbcConfig
+from services.wbc.footsteps import Side, Stance
+from services.wbc.robot_model import Dynamics
+from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
+from services.wbc.swing import SwingTrajectory, minimum_jerk
+
+RAISED = 0.015
+"""A sole this much higher than the other is in the air [m]."""
+TOUCHING = 30.0
+"""A foot with more normal force than this stands, however high [N]."""
+SHIFT_TIME = 0.5
+"""To bring the CoM over the standing foot [s]."""
+LOWER_TIME = 0.7
+"""To lower the raised foot [s]."""
+LOAD_TIME = 0.3
+"""To load it again [s]."""
+FIRST_LOAD_TIME = 0.05
+"""To load feet that already carry the robot [s]."""
+
+
+class Takeover:
+    """References from the first measured state to a balanced stance."""
+
+    def __init__(
+        self, dynamics: Dynamics, foot_force: Array, time: float, config: WbcConfig
+    ) -> None:
+        """Look at the robot as it is found.
+
+        Args:
+            dynamics: model terms at the first measured state.
+            foot_force: (2,) normal force under the left and right foot [N].
+            time: robot time [s].
+            config: of the controller.
+        """
+        self._config = config
+        self._start = time
+        self._com = dynamics.com_position.copy()
+        self._yaw = yaw_of(dynamics.base_rotation)
+        left, right = (float(foot.position[2]) for foot in dynamics.feet)
+        self.raised: Side | None = None
+        self._landing = 0.0
+        higher: Side = 0 if left > right else 1
+        # A tilted sole may be high at its centre and yet stand on an edge.
+        if abs(left - right) > RAISED and float(foot_force[higher]) < TOUCHING:
+            self._plan_landing(dynamics, higher)
+
+    def _plan_landing(self, dynamics: Dynamics, raised: Side) -> None:
+        self.raised = raised
+        self._landing = SHIFT_TIME + LOWER_TIME
+        foot, other = dynamics.feet[raised], dynamics.feet[1 - raised]
+        level = matrix_from_yaw(yaw_of(foot.rotation))
+        ground = np.array([*foot.position[:2], other.position[2]])
+        self._over_foot = np.array([*other.position[:2], self._com[2]])
+        self._lowering = SwingTrajectory(
+            foot.position.copy(), foot.rotation.copy(), ground, level, 0.0, LOWER_TIME
+        )
+
+    def state(self, time: float) -> ControlState:
+        """Discrete state: a swing while a foot is still in the air, else STAND."""
+        if self.raised is None or time - self._start >= self._landing:
+            return ControlState.STAND
+        return ControlState.LF_SWING if self.raised == 0 else ControlState.RF_SWING
+
+    def done(self, time: float) -> bool:
+        """Whether the robot now stands as it should."""
+        return time - self._start >= self._landing + self._config.stand_time
+
+    def reference(self, time: float, stance: Stance, com_height: float) -> BodyReference:
+        """References at ``time``.
+
+        Args:
+            time: robot time [s].
+            stance: measured stance of the feet.
+            com_height: CoM height to stand at, in world [m].
+        """
+        elapsed = time - self._start
+        if elapsed < self._landing:
+            return self._landing_reference(elapsed)
+        goal = np.array([*stance.position, com_height])
+        length = self._config.stand_time
+        begin = self._com if self.raised is None else self._over_foot
+        s, sd, sdd = minimum_jerk((elapsed - self._landing) / length, length)
+        yaw = self._yaw + s * wrap_angle(stance.yaw - self._yaw)
+        offset = goal - begin
+        return self._body(
+            (begin + s * offset, sd * offset, sdd * offset), yaw, (None, None), self._load(elapsed)
+        )
+
+    def _landing_reference(self, elapsed: float) -> BodyReference:
+        s, sd, sdd = minimum_jerk(elapsed / SHIFT_TIME, SHIFT_TIME)
+        offset = self._over_foot - self._com
+        lowering = self._lowering.at(elapsed - SHIFT_TIME)
+        swing = (lowering, None) if self.raised == 0 else (None, lowering)
+        motion = (self._com + s * offset, sd * offset, sdd * offset)
+        return self._body(motion, self._yaw, swing, self._load(elapsed))
+
+    def _load(self, elapsed: float) -> tuple[float, float]:
+        if self.raised is None:
+            both = min(1.0, elapsed / FIRST_LOAD_TIME)
+            return both, both
+        landed = min(1.0, max(0.0, (elapsed - self._landing) / LOAD_TIME))
+        return (landed, 1.0) if self.raised == 0 else (1.0, landed)
+
+    def _body(
+        self,
+        motion: tuple[Array, Array, Array],
+        yaw: float,
+        swing: SwingPair,
+        load: tuple[float, float],
+    ) -> BodyReference:
+        com, velocity, acceleration = motion
+        limits = force_limits(load, self._config.contact.normal_force_max)
+        return BodyReference(
+            com, velocity, acceleration, com[:2], heading(yaw), swing, limits, load
+        )
