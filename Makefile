@@ -22,10 +22,10 @@ top: $(STAMP) ## live table of a running system
 	$(BIN)/trill top $(ARGS)
 
 test: $(STAMP) ## unit and integration tests, a few minutes
-	$(BIN)/python -m pytest -m "not slow" $(ARGS)
+	$(BIN)/python -m pytest $(ARGS)
 
-suite: $(STAMP) ## long physics suites
-	$(BIN)/python -m pytest -m slow $(ARGS)
+suite: $(STAMP) ## every promise about standing, walking and reaching, half an hour
+	$(BIN)/python -m studies.walking $(ARGS)
 
 bench: $(STAMP) ## measure the figures the README quotes
 	@set -e; for file in benchmarks/bench_*.py; do \
