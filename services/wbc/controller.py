@@ -78,25 +78,33 @@ class Controller:
     def __init__(self, config: WbcConfig) -> None:
         self.config = config
         self.model = RobotModel()
-        self.locomotion = Locomotion(config)
-        self.hands = (HandReference(0, config.hands), HandReference(1, config.hands))
         self.builder = QpBuilder(config)
         self.solver = make_solver(config.solver)
         self.stack = TaskStack()
-        self.hand_weight = config.tasks.hand_weight_walking
         self.unsolved = 0
-        self.gripper = np.zeros(2)
         tasks = config.tasks
         self._posture = posture_gains(tasks)
         self._hand_gains = pose_gains(tasks.hand_position, tasks.hand_rotation)
         self._foot_gains = pose_gains(tasks.foot, tasks.foot)
         xy, z = tasks.com_horizontal, tasks.com_vertical
         self._com_gains = np.array([xy.kp, xy.kp, z.kp]), np.array([xy.kd, xy.kd, z.kd])
-        self._posture_target = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)][
-            12:
-        ].copy()
-        self._last: tuple[Command, Array] | None = None
         self._omega = natural_frequency(config.gait.com_height)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget plans, references and set-points; the next tick takes the robot as it finds it.
+
+        The model and the solver's workspace stay: building them takes longer than the silence
+        after which a plant's guard begins to hold.
+        """
+        config = self.config
+        self.locomotion = Locomotion(config)
+        self.hands = (HandReference(0, config.hands), HandReference(1, config.hands))
+        self.hand_weight = config.tasks.hand_weight_walking
+        self.gripper = np.zeros(2)
+        nominal = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)]
+        self._posture_target = nominal[12:].copy()
+        self._last: tuple[Command, Array] | None = None
 
     def request(self, request_id: int, gait: Gait) -> None:
         """Pass on a gait request; the answer appears in ``locomotion.answers()``."""

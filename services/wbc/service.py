@@ -52,7 +52,6 @@ class WbcService(Service):
         self._book = RequestBook()
         self._reset_count: int | None = None
         self._stamp = -1
-        self._unsolved_before = 0
         self._completed_before = 0
         self._requests: list[GaitRequest] = []
 
@@ -127,9 +126,8 @@ class WbcService(Service):
             self._book.note(aborted)
             request_id = self._book.request_id(aborted)
             outputs = [self._reply(request_id, aborted.gait, aborted.outcome, aborted.reason)]
-        self._unsolved_before += self.controller.unsolved
         self._completed_before += self.controller.locomotion.completed
-        self.controller = Controller(self.config)
+        self.controller.restart()
         return outputs
 
     def _joint_command(self, command: Command, header: Header) -> JointCommand:
@@ -165,7 +163,7 @@ class WbcService(Service):
             hand_weight=self.controller.hand_weight,
             setpoint_fresh=inputs.fresh(TELEOP_SETPOINT),
             solver=self.controller.solver.name,
-            unsolved=self._unsolved_before + self.controller.unsolved,
+            unsolved=self.controller.unsolved,
         )
 
     def _reply(self, request_id: int, gait: object, outcome: GaitOutcome, reason: str) -> Output:
