@@ -17,6 +17,7 @@ from common.bus.config import BusConfig
 from common.bus.session import open_session
 from common.bus.tap import RawTap
 from deploy.board import Board, View
+from deploy.process import terminated_as_interrupted
 from deploy.table import draw, line
 
 SERVICE = "top"
@@ -113,7 +114,12 @@ def watch(bus: BusConfig, title: str) -> None:
     Raises:
         BusError: the bus cannot be opened.
     """
-    with contextlib.suppress(KeyboardInterrupt), Watch(bus) as seen, Screen(title) as screen:
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        terminated_as_interrupted(),
+        Watch(bus) as seen,
+        Screen(title) as screen,
+    ):
         while True:
             screen.show(seen.look())
             time.sleep(TICK)

@@ -91,14 +91,20 @@ def tail(path: Path, lines: int = TAIL_LINES) -> tuple[str, ...]:
     return tuple(line.rstrip() for line in text.splitlines() if line.strip())[-lines:]
 
 
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 @contextlib.contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Inside, SIGTERM and SIGHUP raise KeyboardInterrupt, so that they too clean up."""
+    """Inside, SIGINT, SIGTERM and SIGHUP all raise KeyboardInterrupt, so that each cleans up.
+
+    SIGINT too: a process started in the background by a shell script ignores it from birth.
+    """
 
     def interrupt(_number: int, _frame: object) -> None:
         raise KeyboardInterrupt
 
-    previous = {n: signal.signal(n, interrupt) for n in (signal.SIGTERM, signal.SIGHUP)}
+    previous = {n: signal.signal(n, interrupt) for n in _ENDING}
     try:
         yield
     finally:

@@ -203,15 +203,23 @@ with terminated_as_interrupted(), supervisor:
     time.sleep(60)
 """
     process = subprocess.Popen(
-        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        # As a shell script's background process: SIGINT ignored from birth.
+        ["sh", "-c", 'trap \'\' INT; exec "$0" -c "$1"', sys.executable, script],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
     )
     assert process.stdout is not None
-    pids = [int(word) for word in process.stdout.readline().split()]
-    assert len(pids) == 2
-    assert all(running(pid) for pid in pids)
-    process.send_signal(number)
-    process.wait(timeout=20)
-    process.stdout.close()
+    try:
+        pids = [int(word) for word in process.stdout.readline().split()]
+        assert len(pids) == 2
+        assert all(running(pid) for pid in pids)
+        process.send_signal(number)
+        process.wait(timeout=20)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
     until(lambda: not any(running(pid) for pid in pids), patience=5.0)
 
 
