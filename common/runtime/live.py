@@ -74,13 +74,14 @@ class LiveRunner:
         """
         self._service = service
         self._bus = bus
+        self._links = links or Links()
         self._runtime = runtime or RuntimeConfig()
         self._realtime = realtime
         self._stopping = False
         self.inbox = Inbox(
             service.reads,
             service=service.name,
-            links=links,
+            links=self._links,
             seed=self._runtime.seed,
             trigger=service.trigger,
         )
@@ -115,6 +116,10 @@ class LiveRunner:
             self._realtime,
         )
         code = 0
+        for topic in self._service.reads:
+            spec = self._links.of(self._service.name, topic.name)
+            if spec is not None:
+                _log.info("%s: input %s has a link of %s", self._service.name, topic.name, spec)
         try:
             self._open_topics(session)
             self._loop()
@@ -129,7 +134,26 @@ class LiveRunner:
                 self._service.close()
             finally:
                 session.close()
+        self._log_delays()
         return code
+
+    def _log_delays(self) -> None:
+        """Say what the links were asked for and what they did."""
+        for name, stats in self.inbox.delay_stats().items():
+            _log.info(
+                "%s: link of %s: mean %.1f ms requested, %.1f ms drawn, %.1f ms achieved; p99 "
+                "%.1f ms requested, %.1f ms achieved; %d of %d lost, %d held back to keep order",
+                self._service.name,
+                name,
+                1e3 * stats.requested_mean,
+                1e3 * stats.drawn_mean,
+                1e3 * stats.achieved_mean,
+                1e3 * stats.requested_p99,
+                1e3 * stats.achieved_p99,
+                stats.lost,
+                stats.pushed,
+                stats.held_back,
+            )
 
     def _open_topics(self, session: Any) -> None:
         """Declare publishers and subscribers."""

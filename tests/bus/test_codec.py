@@ -183,6 +183,15 @@ def test_malformed_msgpack_is_refused(payload: bytes) -> None:
             decode(payload, topic.schema)
 
 
+def test_announced_sizes_are_refused_before_memory_is_taken() -> None:
+    # 500 lists of 100 000 entries, one inside the other: 400 MB from half a kilobyte of headers.
+    bomb = b"\xdd\x00\x01\x86\xa0" * 500 + bytes(100_000)
+    with pytest.raises(SchemaError, match="exceeds max_array_len"):
+        decode(bomb, PlantState)
+    with pytest.raises(SchemaError, match="exceeds max_map_len"):
+        decode(b"\xdf\x00\x01\x86\xa0" + bytes(200_000), PlantState)
+
+
 def test_truncated_or_extended_payload_is_refused() -> None:
     payload = encode(plant_state(), HEADER)
     for length in range(0, len(payload), 7):

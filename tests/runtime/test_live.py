@@ -185,13 +185,16 @@ def test_injected_delay_ages_the_state_by_that_much(stack: Stack) -> None:
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_signal_ends_cleanly(stack: Stack, number: signal.Signals) -> None:
-    process = stack.start("wbc", "controller")
-    assert stack.until(lambda: stack.health("wbc") is not None)
+    process = stack.start("sim", "plant", "--link", "wbc/command=5ms")
+    assert stack.until(lambda: stack.health("sim") is not None)
     process.send_signal(number)
     _, errors = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 0
     assert "Traceback" not in errors
-    assert "wbc is on the bus of draco3, scheduling: normal" in errors
+    assert "sim is on the bus of draco3, scheduling: normal" in errors
+    assert "the toy plant is closed" in errors
+    assert "input wbc/command has a link of 5ms" in errors
+    assert "link of wbc/command: mean 5.0 ms requested" in errors
 
 
 @pytest.mark.parametrize(
@@ -209,6 +212,7 @@ def test_failing_step_ends_the_process_with_a_traceback(
     assert process.returncode == 1
     assert complaint in errors
     assert "Traceback" in errors
+    assert "the toy plant is closed" in errors
 
 
 def test_taken_port_ends_the_process(stack: Stack) -> None:

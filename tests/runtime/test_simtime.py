@@ -86,6 +86,17 @@ def test_transport_delay_is_exact_and_told() -> None:
     assert len(plant.seen) > 15
 
 
+def test_jitter_follows_the_seed() -> None:
+    ages = []
+    for seed in (1, 1, 2):
+        controller = ToyController()
+        runner = SimTimeRunner([ToyPlant(), controller], seed=seed, links=LINKS)
+        runner.run_for(0.5)
+        ages.append([injected for _, _, injected in controller.seen])
+    assert ages[0] == ages[1] != ages[2]
+    assert len(set(ages[0])) > 20
+
+
 def test_delay_of_one_consumer_leaves_the_others_alone() -> None:
     class Listener(ToyController):
         """Sees, and says nothing."""

@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -69,6 +70,7 @@ class ToyPlant(Service):
 
     def close(self) -> None:
         self.closed = True
+        print("the toy plant is closed", file=sys.stderr)
 
 
 class ToyController(Service):
