@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from deploy.launch import Ended, Verdict
+from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import RUNS, SystemOptions, bus_of, new_run_dir
 
@@ -257,17 +257,13 @@ def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, vide
 
     if ended.verdict.outcome != "completed":
         # Said at once: if there is no log to read, this is why.
-        _say(ended.verdict)
+        print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
     settings = {"mode": arguments.mode, "config": str(arguments.config or "")}
     summary = finish(ended, settings, pictures=pictures, video=video)
     if summary.outcome == "completed":
         return 0
-    _say(Verdict(summary.outcome, summary.reason))
+    print(f"trill: failed: {summary.outcome}", file=sys.stderr)
     return 1
-
-
-def _say(verdict: Verdict) -> None:
-    print(f"trill: {verdict.outcome}: {verdict.reason}", file=sys.stderr, flush=True)
 
 
 COMMANDS = (

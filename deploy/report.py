@@ -132,7 +132,8 @@ def report_lines(summary: RunSummary) -> list[str]:
     walk, plant, tracking = summary.walk, summary.plant, summary.tracking
     total = summary.gaits["total"]
     lines = [
-        f"outcome        {summary.outcome}" + (f": {summary.reason}" if summary.reason else ""),
+        f"outcome        {summary.outcome}"
+        + (f": {summary.reason.splitlines()[0]}" if summary.reason else ""),
         f"robot time     {summary.duration:.1f} s at real-time factor {plant.real_time_factor:.3f}"
         f" (worst second {plant.real_time_factor_worst:.3f}), falls {plant.falls}",
         f"gaits          {total.completed} completed of {total.accepted} accepted and "

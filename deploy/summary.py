@@ -23,13 +23,7 @@ from common.schemas import (
     ServiceHealth,
 )
 from common.topics import (
-    HEALTH,
-    PLANT_STATE,
-    PLANT_STATUS,
     PLANT_TRUTH,
-    TELEOP_GAIT,
-    WBC_REPLY,
-    WBC_STATE,
     Topic,
 )
 from deploy.run_summary import (
@@ -81,44 +75,54 @@ def summarise(
         commanded: what each gait should do; by default as the controller's default configuration.
     """
     wanted = commanded_motions(GaitConfig()) if commanded is None else commanded
-    track, ledger = Track(), GaitLedger()
-    plant, tracking = _PlantReader(), _TrackingReader()
-    services, topics = _ServiceReader(), _TopicReader()
+    seen = _Readers()
     for topic, message in messages:
-        topics.read(topic, message)
-        if isinstance(message, PlantState) and topic.name == PLANT_TRUTH.name:
-            track.add(message)
-        elif isinstance(message, PlantState) and topic.name == PLANT_STATE.name:
-            plant.state(message)
-        elif isinstance(message, PlantStatus) and topic.name == PLANT_STATUS.name:
-            plant.status(message)
-        elif isinstance(message, ControllerState) and topic.name == WBC_STATE.name:
-            tracking.read(message)
-        elif isinstance(message, ServiceHealth) and topic.name == HEALTH.name:
-            services.read(message)
-        elif isinstance(message, GaitRequest) and topic.name == TELEOP_GAIT.name:
-            ledger.request(message)
-        elif isinstance(message, GaitReply) and topic.name == WBC_REPLY.name:
-            ledger.reply(message, track)
+        seen.read(topic, message)
     found = LogFindings() if about_log is None else about_log()
-    runs = ledger.runs(wanted)
-    tally = plant.tally()
-    if tally.falls and outcome in {"completed", "script failed"}:
+    runs, plant = seen.ledger.runs(wanted), seen.plant.tally()
+    if plant.falls and outcome in {"completed", "script failed"}:
         outcome, reason = "fell", reason or "the plant reported a fall"
     return RunSummary(
         outcome=outcome,
         reason=reason,
-        duration=plant.duration,
+        duration=seen.plant.duration,
         gaits=_tally_gaits(runs),
         gait_runs=runs,
-        walk=ledger.walk(wanted),
-        plant=tally,
-        tracking=tracking.tally(),
-        services=services.tally(),
-        topics=topics.tally(found),
+        walk=seen.ledger.walk(wanted),
+        plant=plant,
+        tracking=seen.tracking.tally(),
+        services=seen.services.tally(),
+        topics=seen.topics.tally(found),
         log_truncated=found.truncated,
         environment=dict(environment or {}),
     )
+
+
+class _Readers:
+    """Hands each message to who counts it."""
+
+    def __init__(self) -> None:
+        self.track, self.ledger = Track(), GaitLedger()
+        self.plant, self.tracking = _PlantReader(), _TrackingReader()
+        self.services, self.topics = _ServiceReader(), _TopicReader()
+
+    def read(self, topic: Topic[Any], message: Message) -> None:
+        self.topics.read(topic, message)
+        match message:
+            case PlantState() if topic.name == PLANT_TRUTH.name:
+                self.track.add(message)
+            case PlantState():
+                self.plant.state(message)
+            case PlantStatus():
+                self.plant.status(message)
+            case ControllerState():
+                self.tracking.read(message)
+            case ServiceHealth():
+                self.services.read(message)
+            case GaitRequest():
+                self.ledger.request(message)
+            case GaitReply():
+                self.ledger.reply(message, self.track)
 
 
 def spread(samples: Iterable[float]) -> Spread:

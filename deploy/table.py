@@ -8,7 +8,7 @@ from rich.text import Text
 from common.schemas import ControllerState, OperatorStatus, PlantStatus
 from deploy.board import ServiceRow, TopicRow, View
 
-SILENCE = "nothing heard yet; is a system running, and on this base port?"
+SILENCE = "nothing heard yet (services take some seconds to start; is this the right base port?)"
 BAD, GOOD, DIM = "bold red", "green", "dim"
 
 
