@@ -12,6 +12,7 @@ kinds alike:
 """
 
 import argparse
+import gc
 import os
 import socket
 import subprocess
@@ -317,7 +318,8 @@ def main() -> int:
         "--rt-priority", type=int, default=20, help="SCHED_FIFO as the services; 0 for none"
     )
     arguments = parser.parse_args()
-    scheduling = enter_realtime(arguments.rt_priority)  # the echoes inherit it
+    scheduling = enter_realtime(arguments.rt_priority)
+    gc.disable()  # as the live runner does during steps
     if arguments.echo:
         echo(arguments.echo[0], int(arguments.echo[1]))
         return 0
