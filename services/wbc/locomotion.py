@@ -104,7 +104,7 @@ class Locomotion:
         self._finish_gait(time)
         self._handle_requests(time)
         if self._anchor is None:
-            reference = self._taking_over(self._takeover, time)
+            reference = self._taking_over(self._takeover, dynamics.com_position, time)
         elif self._request is not None:
             reference = self._walking(time)
         else:
@@ -134,10 +134,10 @@ class Locomotion:
         soles = 0.5 * float(self._feet[0].position[2] + self._feet[1].position[2])
         return soles + self._config.gait.com_height
 
-    def _taking_over(self, takeover: Takeover, time: float) -> BodyReference:
+    def _taking_over(self, takeover: Takeover, com: Array, time: float) -> BodyReference:
         self.state = takeover.state(time)
         stance = stance_between(*self._footprints())
-        reference = takeover.reference(time, stance, self._com_height())
+        reference = takeover.reference(time, com, stance, self._com_height())
         if takeover.done(time):
             self.state = ControlState.BALANCE
             self._anchor = stance

@@ -11,8 +11,9 @@ from common.schemas import ControlState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.body import BodyReference, SwingPair, force_limits, heading
 from services.wbc.config import WbcConfig
+from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Side, Stance
-from services.wbc.robot_model import Dynamics
+from services.wbc.robot_model import Dynamics, FrameKinematics
 from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
 from services.wbc.swing import SwingTrajectory, minimum_jerk
 
@@ -24,6 +25,10 @@ SHIFT_TIME = 0.5
 """To bring the CoM over the standing foot [s]."""
 LOWER_TIME = 0.7
 """To lower the raised foot [s]."""
+URGENT_LOWER_TIME = 0.25
+"""To lower it when the standing foot alone cannot keep the robot up [s]."""
+CAPTURABLE = 0.75
+"""Share of the standing sole within which the DCM can still be stopped on one leg."""
 LOAD_TIME = 0.3
 """To load it again [s]."""
 FIRST_LOAD_TIME = 0.05
@@ -47,6 +52,7 @@ class Takeover:
         self._config = config
         self._start = time
         self._com = dynamics.com_position.copy()
+        self._begin: Array | None = None
         self._yaw = yaw_of(dynamics.base_rotation)
         left, right = (float(foot.position[2]) for foot in dynamics.feet)
         self.raised: Side | None = None
@@ -58,14 +64,28 @@ class Takeover:
 
     def _plan_landing(self, dynamics: Dynamics, raised: Side) -> None:
         self.raised = raised
-        self._landing = SHIFT_TIME + LOWER_TIME
         foot, other = dynamics.feet[raised], dynamics.feet[1 - raised]
+        if self._capturable(dynamics, other):
+            self._shift, lower = SHIFT_TIME, LOWER_TIME
+            self._over_foot = np.array([*other.position[:2], self._com[2]])
+        else:
+            # Tipping over: the other foot must be down before the CoM is far from both.
+            self._shift, lower = 0.0, URGENT_LOWER_TIME
+            self._over_foot = self._com
+        self._landing = self._shift + lower
         level = matrix_from_yaw(yaw_of(foot.rotation))
         ground = np.array([*foot.position[:2], other.position[2]])
-        self._over_foot = np.array([*other.position[:2], self._com[2]])
         self._lowering = SwingTrajectory(
-            foot.position.copy(), foot.rotation.copy(), ground, level, 0.0, LOWER_TIME
+            foot.position.copy(), foot.rotation.copy(), ground, level, 0.0, lower
         )
+
+    def _capturable(self, dynamics: Dynamics, standing: FrameKinematics) -> bool:
+        """Whether the DCM is over the standing sole, with a margin."""
+        omega = natural_frequency(self._config.gait.com_height)
+        dcm = dynamics.com_position + dynamics.com_velocity / omega
+        x, y, _ = np.abs(standing.rotation.T @ (dcm - standing.position))
+        contact = self._config.contact
+        return bool(x < CAPTURABLE * contact.half_length and y < CAPTURABLE * contact.half_width)
 
     def state(self, time: float) -> ControlState:
         """Discrete state: a swing while a foot is still in the air, else STAND."""
@@ -77,11 +97,14 @@ class Takeover:
         """Whether the robot now stands as it should."""
         return time - self._start >= self._landing + self._config.stand_time
 
-    def reference(self, time: float, stance: Stance, com_height: float) -> BodyReference:
+    def reference(
+        self, time: float, com: Array, stance: Stance, com_height: float
+    ) -> BodyReference:
         """References at ``time``.
 
         Args:
             time: robot time [s].
+            com: (3,) measured CoM in world [m].
             stance: measured stance of the feet.
             com_height: CoM height to stand at, in world [m].
         """
@@ -90,7 +113,9 @@ class Takeover:
             return self._landing_reference(elapsed)
         goal = np.array([*stance.position, com_height])
         length = self._config.stand_time
-        begin = self._com if self.raised is None else self._over_foot
+        if self._begin is None:
+            self._begin = com.copy()
+        begin = self._begin
         s, sd, sdd = minimum_jerk((elapsed - self._landing) / length, length)
         yaw = self._yaw + s * wrap_angle(stance.yaw - self._yaw)
         offset = goal - begin
@@ -101,7 +126,7 @@ class Takeover:
     def _landing_reference(self, elapsed: float) -> BodyReference:
         s, sd, sdd = minimum_jerk(elapsed / SHIFT_TIME, SHIFT_TIME)
         offset = self._over_foot - self._com
-        lowering = self._lowering.at(elapsed - SHIFT_TIME)
+        lowering = self._lowering.at(elapsed - self._shift)
         swing = (lowering, None) if self.raised == 0 else (None, lowering)
         motion = (self._com + s * offset, sd * offset, sdd * offset)
         return self._body(motion, self._yaw, swing, self._load(elapsed))
