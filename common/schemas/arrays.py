@@ -45,7 +45,8 @@ class ArraySpec:
             array = np.asarray(value, dtype=np.float64)
             if array.shape != self.shape:
                 raise ValueError(f"expected shape {self.shape}, got {array.shape}")
-        if not np.isfinite(array).all():
+        # Several times faster than .all() on arrays this small.
+        if b"\0" in np.isfinite(array).tobytes():
             raise ValueError("expected finite numbers, got NaN or infinity")
         if self.unit:
             norm = float(np.linalg.norm(array))
