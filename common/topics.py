@@ -103,3 +103,24 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     HEALTH,
 )
 """Every topic there is."""
+
+
+def topic_table() -> str:
+    """The table as Markdown, for people."""
+    rows = [
+        "| topic | message | rate [Hz] | stale after [s] | read as | |",
+        "|---|---|---|---|---|---|",
+    ]
+    for topic in ALL_TOPICS:
+        key = f"{topic.name}/<source>" if topic.per_source else topic.name
+        rate = f"{topic.rate:g}" if topic.rate else "event"
+        stale = "" if topic.max_age == float("inf") else f"{topic.max_age:g}"
+        rows.append(
+            f"| `{key}` | {topic.schema.__name__} | {rate} | {stale} "
+            f"| {topic.delivery.value} | {topic.doc} |"
+        )
+    return "\n".join(rows)
+
+
+if __name__ == "__main__":
+    print(topic_table())
