@@ -52,6 +52,7 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             "logger",
             "services.logger",
             ("--out", str(run_dir)),
+            options.restart,
             wanted=options.record,
             stop_wave=_LAST,
         ),
@@ -59,6 +60,7 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
         ProcessSpec(
             "cameras",
             "services.sim.cameras",
+            restart=options.restart,
             wanted=options.cameras,
             essential=False,
             stop_wave=_THEN,

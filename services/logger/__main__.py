@@ -12,6 +12,7 @@ from common.errors import ConfigError, TrillError
 from common.runtime.main import argument_parser, load_settings
 from common.runtime.realtime import enter_realtime
 from services.logger.config import LoggerConfig
+from services.logger.parts import next_part
 from services.logger.service import LoggerService, Stopper, record
 from services.logger.tally import format_report
 
@@ -27,7 +28,10 @@ def parser() -> argparse.ArgumentParser:
         "missing. A killed logger loses less than a second; the file stays readable.",
     )
     result.add_argument(
-        "--out", type=Path, required=True, help=f"directory for {FILE_NAME}; made if missing"
+        "--out",
+        type=Path,
+        required=True,
+        help=f"directory for {FILE_NAME}, or log-2.mcap… if there is one",
     )
     result.add_argument("--compression", choices=["zstd", "lz4", "none"], help="of the file")
     return result
@@ -51,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except ValidationError as error:
             raise ConfigError(f"the logger's configuration is wrong: {error}") from error
         realtime = enter_realtime(runtime.rt_priority)
-        report, lost = record(bus, arguments.out / FILE_NAME, config, stopper, realtime)
+        report, lost = record(bus, next_part(arguments.out / FILE_NAME), config, stopper, realtime)
     except ConfigError as error:
         print(f"logger: {error}", file=sys.stderr)
         return 2

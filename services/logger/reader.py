@@ -18,6 +18,7 @@ from common.errors import SchemaError
 from common.schemas import Message
 from common.topics import ALL_TOPICS, Topic
 from services.logger.errors import LoggerError
+from services.logger.parts import existing_parts
 from services.logger.sink import REPORT_METADATA, START_METADATA
 from services.logger.tally import KeyCount, from_metadata
 
@@ -44,11 +45,13 @@ class Entry:
 class LogReader:
     """Iterates over a log in the order of arrival, front to back, without needing its index.
 
+    A recording that was interrupted and went on in further parts is read as one.
+
     The findings below are complete once an iteration has come to its end.
 
     Attributes:
-        path: the file.
-        truncated: whether the file ends before its footer, as it does when the logger was killed.
+        path: the file, or the first of its parts.
+        truncated: whether a part ends before its footer, as it does when the logger was killed.
         refused: messages that did not fit today's schema, by topic name.
         last_refusal: the newest refusal in words.
         origin: how the recording was made; ties the monotonic clock to the wall clock.
@@ -101,10 +104,14 @@ class LogReader:
 
     def _records(self) -> Iterator[McapRecord]:
         self.truncated = False
+        for path in existing_parts(self.path):
+            yield from self._records_of(path)
+
+    def _records_of(self, path: Path) -> Iterator[McapRecord]:
         try:
-            stream = self.path.open("rb")
+            stream = path.open("rb")
         except OSError as error:
-            raise LoggerError(f"cannot open the log {self.path}: {error.strerror}") from error
+            raise LoggerError(f"cannot open the log {path}: {error.strerror}") from error
         with stream:
             try:
                 yield from StreamReader(_WholeReads(stream)).records
@@ -112,10 +119,10 @@ class LogReader:
                 self.truncated = True
             except InvalidMagic as error:
                 raise LoggerError(
-                    f"{self.path} is not an MCAP log: expected MCAP's first bytes, got others"
+                    f"{path} is not an MCAP log: expected MCAP's first bytes, got others"
                 ) from error
             except (McapError, ZstdError, ValueError, RuntimeError) as error:
-                raise LoggerError(f"the log {self.path} is damaged: {error}") from error
+                raise LoggerError(f"the log {path} is damaged: {error}") from error
 
 
 class _WholeReads(BufferedIOBase):
