@@ -151,7 +151,9 @@ class Bench:
         self.ask(gait)
         self.tick()
         assert self.outcomes()[-1] is GaitOutcome.ACCEPTED, self.replies[-1].reason
+        deadline = len(self.states) + 1000
         while self.outcomes()[-1] is not GaitOutcome.COMPLETED:
+            assert len(self.states) < deadline, f"{gait.name} is never completed"
             assert not self.plant.fallen, f"fell during {gait.name}"
             self.tick()
 

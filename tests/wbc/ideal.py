@@ -11,6 +11,9 @@ from services.wbc.rotations import matrix_from_yaw, yaw_of
 
 from .support import Array, nominal_state
 
+LONGEST = 10.0
+"""No gait takes longer [s]."""
+
 
 class IdealRobot:
     """A locomotion state machine and a robot that does exactly what it is told, at 100 Hz.
@@ -67,7 +70,9 @@ class IdealRobot:
         self.locomotion.request(7, gait)
         self.tick()
         assert self.answers[-1].outcome is GaitOutcome.ACCEPTED, self.answers[-1].reason
+        deadline = self.time + LONGEST
         while self.locomotion.completed == count:
+            assert self.time < deadline, f"{gait.name} is never completed"
             self.tick()
         self.run(0.5)
 

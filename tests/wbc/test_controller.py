@@ -12,7 +12,12 @@ from services.wbc.config import Gains, TaskConfig, WbcConfig
 from services.wbc.controller import MAX_DUMPS, TORQUE_SHARE, Command, Controller
 from services.wbc.qp import NORMAL, QpBuilder, QpData
 from services.wbc.robot_model import Dynamics, RobotModel, RobotState
-from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
+from services.wbc.rotations import (
+    matrix_from_rotation_vector,
+    matrix_from_yaw,
+    rotation_vector,
+    yaw_of,
+)
 from services.wbc.solvers import make_solver
 from services.wbc.swing import PoseReference
 from services.wbc.tasks import (
@@ -152,6 +157,30 @@ def test_task_rows_are_the_models_jacobians(model: RobotModel) -> None:
         upper = np.zeros((13, 31))
         upper[:, 18:] = np.eye(13)
         assert np.array_equal(stack.jacobian[POSTURE], upper)
+
+
+def test_first_targets_only_brake(model: RobotModel) -> None:
+    """Taken over in motion, every reference starts where the robot is: damping, less Jdot v."""
+    for state in random_states(5, seed=34):
+        controller = Controller(CONFIG)
+        controller.tick(state, 1.0)
+        target, dynamics = controller.stack.target, model.update(RobotState.from_plant(state))
+        kd = np.array([13.0, 13.0, 20.0])
+        braking = -kd * dynamics.com_velocity - dynamics.com_bias
+        assert np.abs(target[COM] - braking).max() < 1e-9
+        for rows, hand in zip(HANDS, dynamics.hands, strict=True):
+            kd = np.repeat([28.0, 24.0], 3)
+            assert np.abs(target[rows] + kd * hand.velocity + hand.bias).max() < 1e-9
+        # The torso is righted at once, its heading kept.
+        rotation = dynamics.base_rotation
+        upright = rotation_vector(matrix_from_yaw(yaw_of(rotation)) @ rotation.T)
+        rate = rotation @ dynamics.base_twist[3:]
+        assert np.abs(target[TORSO] - (100.0 * upright - 20.0 * rate)).max() < 1e-9
+        kp, kd, _ = posture_gains(CONFIG.tasks)
+        motors = list(joints.MOTOR_POSITION_INDEX)[12:]
+        error = joints.NOMINAL_POSITION[motors] - state.joint_position[motors]
+        posture = kp * error - kd * state.joint_velocity[motors]
+        assert np.abs(target[POSTURE] - posture).max() < 1e-9
 
 
 def test_pose_task_is_a_pd_law_with_feed_forward(model: RobotModel) -> None:

@@ -9,11 +9,14 @@ from services.wbc.swing import SwingTrajectory, minimum_jerk
 from .support import Array
 
 DURATION = 0.65
+START, START_ROTATION = np.array([0.1, 0.14, 0.02]), matrix_from_yaw(0.2)
+END = np.array([0.5, 0.1, 0.05])
+END_ROTATION = matrix_from_yaw(0.2 + 0.314) @ matrix_from_rotation_vector(np.array([0, 0.1, 0]))
 SWING = SwingTrajectory(
-    start=np.array([0.1, 0.14, 0.02]),
-    start_rotation=matrix_from_yaw(0.2),
-    end=np.array([0.5, 0.1, 0.05]),
-    end_rotation=matrix_from_yaw(0.2 + 0.314) @ matrix_from_rotation_vector(np.array([0, 0.1, 0])),
+    start=START,
+    start_rotation=START_ROTATION,
+    end=END,
+    end_rotation=END_ROTATION,
     height=0.06,
     duration=DURATION,
 )
@@ -22,10 +25,10 @@ TIMES = np.linspace(0.011, DURATION - 0.011, 40)
 
 def test_starts_and_ends_at_rest() -> None:
     for time, position, rotation in (
-        (0.0, SWING.start, SWING.start_rotation),
-        (-1.0, SWING.start, SWING.start_rotation),
-        (DURATION, SWING.end, SWING.end_rotation),
-        (DURATION + 1.0, SWING.end, SWING.end_rotation),
+        (0.0, START, START_ROTATION),
+        (-1.0, START, START_ROTATION),
+        (DURATION, END, END_ROTATION),
+        (DURATION + 1.0, END, END_ROTATION),
     ):
         reference = SWING.at(time)
         assert np.abs(reference.position - position).max() < 1e-12
@@ -54,10 +57,10 @@ def test_horizontal_way_is_straight_and_halfway_in_the_middle() -> None:
 
 def test_rotation_turns_once_from_start_to_end() -> None:
     """A full-time minimum-jerk share of one turn, not twice the turn in half the time each."""
-    turn = rotation_vector(SWING.end_rotation @ SWING.start_rotation.T)
+    turn = rotation_vector(END_ROTATION @ START_ROTATION.T)
     for time in TIMES:
         share = minimum_jerk(time / DURATION, DURATION)[0]
-        turned = rotation_vector(SWING.at(time).rotation @ SWING.start_rotation.T)
+        turned = rotation_vector(SWING.at(time).rotation @ START_ROTATION.T)
         assert np.abs(turned - share * turn).max() < 1e-12
 
 

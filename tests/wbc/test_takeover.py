@@ -17,16 +17,22 @@ CONFIG = WbcConfig()
 
 
 def _one_leg(model: RobotModel, side: int, height: float) -> IdealRobot:
+    """A foot in the air, 50 mm ahead; the CoM over the inner half of the other sole."""
     robot = IdealRobot(model, CONFIG)
     position, yaw = robot.feet[side]
     robot.feet[side] = (position + np.array([0.05, 0.0, height]), yaw)
     robot.foot_force[side] = 0.0
+    other = robot.feet[1 - side][0]
+    robot.com = np.array([0.02, 0.75 * other[1], 0.68])
     return robot
 
 
-@pytest.mark.parametrize(
+SIDES = pytest.mark.parametrize(
     ("side", "swing"), [(0, ControlState.LF_SWING), (1, ControlState.RF_SWING)]
 )
+
+
+@SIDES
 def test_a_raised_foot_is_put_down_first(model: RobotModel, side: int, swing: ControlState) -> None:
     robot = _one_leg(model, side, 0.04)
     standing = robot.feet[1 - side][0]
@@ -39,14 +45,41 @@ def test_a_raised_foot_is_put_down_first(model: RobotModel, side: int, swing: Co
         assert reference.normal_force_max[1 - side] == 1000.0
         assert reference.swing[1 - side] is None
     # The CoM goes over the standing foot before the raised one moves, and stays there.
-    assert np.abs(references[50].com[:2] - standing[:2]).max() < 1e-3
-    half_way = references[50].swing[side]
+    assert np.abs(references[51].com[:2] - standing[:2]).max() < 1e-3
+    half_way = references[51].swing[side]
     assert half_way is not None
     assert half_way.position[2] == pytest.approx(0.04, abs=1e-3)
     foot = robot.feet[side][0]
     assert foot == pytest.approx([*before[:2], 0.0], abs=1e-4)
     robot.run(1.1)
-    assert robot.locomotion.state is ControlState.BALANCE
+    _assert_stood_up(robot)
+
+
+@SIDES
+def test_a_raised_foot_is_put_down_at_once_if_the_robot_tips(
+    model: RobotModel, side: int, swing: ControlState
+) -> None:
+    """CoM 91 mm from the middle of a sole 65 mm wide: no time to bring it back."""
+    robot = _one_leg(model, side, 0.04)
+    other = robot.feet[1 - side][0]
+    robot.com = np.array([0.02, 0.35 * other[1], 0.68])
+    robot.run(0.24)
+    assert {state for _, state, _ in robot.trace} == {swing}
+    references = [reference for _, _, reference in robot.trace]
+    assert robot.feet[side][0][2] == pytest.approx(0.0, abs=2e-3)
+    assert max(np.abs(reference.com - references[0].com).max() for reference in references) < 1e-9
+    robot.run(0.03)
+    assert robot.locomotion.state is ControlState.STAND
+    # Loaded over 0.3 s, then both feet carry alike.
+    assert 1.0 < robot.tick().normal_force_max[side] < 300.0
+    robot.run(1.1)
+    _assert_stood_up(robot)
+    assert robot.trace[-1][2].normal_force_max == (1000.0, 1000.0)
+
+
+def _assert_stood_up(robot: IdealRobot) -> None:
+    states = [state for _, state, _ in robot.trace]
+    assert states[-1] is ControlState.BALANCE
     middle, _ = robot.stance()
     assert np.abs(robot.com - (*middle, 0.70)).max() < 1e-3
     for a, b in pairwise(reference.com for _, _, reference in robot.trace):
@@ -73,13 +106,17 @@ def test_no_gait_while_a_foot_is_put_down(model: RobotModel) -> None:
     assert "gaits start from BALANCE" in robot.answers[-1].reason
 
 
-def test_a_robot_left_in_mid_swing_recovers() -> None:
-    """The controller dies with a foot in the air; the plant holds; 0.2 s later another starts."""
+@pytest.mark.parametrize(("when", "silence"), [(0.9, 0.2), (1.15, 0.6)])
+def test_a_robot_left_in_mid_swing_recovers(when: float, silence: float) -> None:
+    """The controller dies with a foot in the air; the plant holds; another one starts.
+
+    In the second case the robot is tipping towards the raised foot when it is taken over.
+    """
     bench = Bench(WbcConfig(solver="daqp"))
     bench.run(1.2)
     bench.ask(Gait.FORWARD)
-    bench.run(0.9)
-    bench.die(0.2)
+    bench.run(when)
+    bench.die(silence)
     heights = [bench.plant.data.site(name).xpos[2] for name in ("l_foot", "r_foot")]
     assert heights[0] - heights[1] > 0.015
     died = len(bench.states)
