@@ -21,6 +21,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from common.errors import ConfigError
+from common.tables import overlaid
 
 DEFAULT_BASE_PORT = 7448
 
@@ -150,22 +151,10 @@ class BusConfig(BaseModel):
                 "shared_memory": {"enabled": self.shared_memory},
             },
         }
-        return _merged(base, self.zenoh)
+        return overlaid(base, self.zenoh)
 
     def _endpoint(self, port: int) -> str:
         return f"tcp/{self.host}:{port}"
-
-
-def _merged(base: dict[str, Any], overlay: Mapping[str, Any]) -> dict[str, Any]:
-    """Return ``base`` with ``overlay`` laid over it, tables merged recursively."""
-    result = dict(base)
-    for key, value in overlay.items():
-        old = result.get(key)
-        if isinstance(old, dict) and isinstance(value, Mapping):
-            result[key] = _merged(old, value)
-        else:
-            result[key] = value
-    return result
 
 
 def read_config_file(path: Path) -> dict[str, Any]:

@@ -3,7 +3,11 @@
 import argparse
 import sys
 
+from pydantic import ValidationError
+
+from common.errors import ConfigError
 from common.runtime.main import run_live
+from common.tables import overlaid
 from services.wbc.config import PACES, WbcConfig, wbc_config
 from services.wbc.service import WbcService
 
@@ -32,33 +36,21 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _build(arguments: argparse.Namespace) -> WbcService:
-    settings = dict(getattr(arguments, "settings", {}) or {})
-    config = wbc_config(arguments.torque_mode, arguments.pace)
-    config = config.model_copy(
-        update={
-            "rate": arguments.rate,
-            "solver": arguments.solver,
-            "qp_dump_dir": arguments.qp_dump,
-            "hands": config.hands.model_copy(
-                update={"mode": "raw" if arguments.raw_hands else config.hands.mode}
-            ),
-        }
-    )
-    if settings:
-        config = WbcConfig.model_validate(_merged(config.model_dump(), settings))
-    return WbcService(config)
-
-
-def _merged(base: dict[str, object], over: dict[str, object]) -> dict[str, object]:
-    """``base`` with the nested tables of ``over`` laid over it."""
-    result = dict(base)
-    for key, value in over.items():
-        known = result.get(key)
-        if isinstance(known, dict) and isinstance(value, dict):
-            result[key] = _merged(known, value)
-        else:
-            result[key] = value
-    return result
+    """The service from its options, with the ``[wbc]`` table of the configuration file on top."""
+    chosen: dict[str, object] = {
+        "rate": arguments.rate,
+        "solver": arguments.solver,
+        "qp_dump_dir": arguments.qp_dump,
+    }
+    if arguments.raw_hands:
+        chosen["hands"] = {"mode": "raw"}
+    base = wbc_config(arguments.torque_mode, arguments.pace).model_dump()
+    try:
+        return WbcService(
+            WbcConfig.model_validate(overlaid(overlaid(base, chosen), arguments.settings))
+        )
+    except ValidationError as error:
+        raise ConfigError(f"the controller's configuration is wrong: {error}") from error
 
 
 def main() -> int:
