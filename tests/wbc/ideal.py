@@ -20,6 +20,7 @@ class IdealRobot:
 
     Attributes:
         feet: (position, yaw) of both soles in world.
+        com, com_velocity: as measured; the CoM then follows its reference.
         noise: of the measured feet, standard deviation [m] and [rad].
         foot_force: measured normal forces [N].
         trace: time, discrete state and references of every tick.
@@ -31,6 +32,7 @@ class IdealRobot:
         self.time = 5.0
         self.feet = [(np.array([0.0, side * 0.14, ground]), 0.0) for side in (1.0, -1.0)]
         self.com = np.array([0.02, 0.01, ground + 0.68])
+        self.com_velocity = np.zeros(3)
         self.trace: list[tuple[float, ControlState, BodyReference]] = []
         self.answers: list[Answer] = []
         self.noise = 0.0
@@ -58,7 +60,9 @@ class IdealRobot:
             )
             for foot, (position, yaw) in zip(self._dynamics.feet, self.feet, strict=True)
         ]
-        return self._dynamics._replace(feet=(feet[0], feet[1]), com_position=self.com)
+        return self._dynamics._replace(
+            feet=(feet[0], feet[1]), com_position=self.com, com_velocity=self.com_velocity
+        )
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * 100.0)):

@@ -31,6 +31,8 @@ from common.topics import (
 )
 from services.wbc.config import WbcConfig
 from services.wbc.controller import joint_gains
+from services.wbc.hands import HandReference
+from services.wbc.rotations import matrix_from_quaternion
 from services.wbc.service import LONGEST_GAP_NS, WbcService
 
 from .bench import Bench
@@ -126,23 +128,28 @@ def test_command_carries_gains_and_grippers() -> None:
     assert command.gripper_closure.tolist() == [0.5, 1.0]
 
 
-def test_a_setpoint_counts_when_it_arrives() -> None:
+def test_a_setpoint_counts_once_when_it_arrives() -> None:
     desk = Desk()
     desk.state(1000)
-    goal = np.array([0.4, 0.2, 0.1])
-    desk.state(1010, (TELEOP_SETPOINT, setpoint(left=goal)))
     hand = desk.service.controller.hands[0]
-    assert np.array_equal(hand.target[0], goal)
-    # Not taken a second time: it would be a new target at rest, and never grow stale.
-    desk.state(1020)
-    desk.state(1030)
-    assert hand.at(1.03).velocity[0] > 0.1
-    for stamp in range(1040, 2000, 10):
+    alone = HandReference(0, CONFIG.hands)
+    alone.hold(*hand.target, 1.0)
+    message = setpoint(left=np.array([0.4, 0.2, 0.1]))
+    desk.state(1010, (TELEOP_SETPOINT, message))
+    alone.set(
+        message.left_hand_position_in_body,
+        matrix_from_quaternion(message.left_hand_quaternion_in_body),
+        1.01,
+    )
+    # Taken anew with every state it would be another target, at rest, and never grow stale.
+    for stamp in range(1020, 1600, 10):
         (report,) = _of(desk.state(stamp), ControllerState)
-    assert hand.at(2.0).position == pytest.approx(goal, abs=1e-12)
+        one, other = hand.at(stamp * 1e-3), alone.at(stamp * 1e-3)
+        assert np.abs(one.position - other.position).max() < 1e-12
+        assert np.abs(one.velocity - other.velocity).max() < 1e-9
     assert report.setpoint_fresh
     desk.inputs.stale.add(TELEOP_SETPOINT.name)
-    (report,) = _of(desk.state(2000), ControllerState)
+    (report,) = _of(desk.state(1600), ControllerState)
     assert not report.setpoint_fresh
 
 

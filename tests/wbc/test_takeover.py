@@ -56,13 +56,15 @@ def test_a_raised_foot_is_put_down_first(model: RobotModel, side: int, swing: Co
 
 
 @SIDES
+@pytest.mark.parametrize(("share", "speed"), [(0.35, 0.0), (0.75, 0.3)])
 def test_a_raised_foot_is_put_down_at_once_if_the_robot_tips(
-    model: RobotModel, side: int, swing: ControlState
+    model: RobotModel, side: int, swing: ControlState, share: float, speed: float
 ) -> None:
-    """CoM 91 mm from the middle of a sole 65 mm wide: no time to bring it back."""
+    """DCM 91 or 115 mm from the middle of a sole 65 mm wide: no time to bring it back."""
     robot = _one_leg(model, side, 0.04)
     other = robot.feet[1 - side][0]
-    robot.com = np.array([0.02, 0.35 * other[1], 0.68])
+    robot.com = np.array([0.02, share * other[1], 0.68])
+    robot.com_velocity[1] = -speed * np.sign(other[1])
     robot.run(0.24)
     assert {state for _, state, _ in robot.trace} == {swing}
     references = [reference for _, _, reference in robot.trace]
