@@ -24,6 +24,11 @@ NV = 6 + NUM_MOTORS
 """Size of the reduced velocity."""
 SIDES = ("left", "right")
 LWA = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+ARMS = slice(joints.LEFT_ARM.start, joints.RIGHT_ARM.stop)
+"""Joints of both arms among the 27."""
+FOOT_ROWS = (slice(3, 9), slice(9, 15))
+HAND_ROWS = (slice(15, 21), slice(21, 27))
+"""Rows of the frames under the CoM's three."""
 
 
 class FrameKinematics(NamedTuple):
@@ -93,60 +98,66 @@ class RobotModel:
                 "restore the order of common/robot/draco3.xml or of JOINTS"
             )
         self.data = self.model.createData()
-        # The same tree with its torso at rest at the origin: motion relative to the body.
-        self._body_data = self.model.createData()
+        # Motion relative to the body is that of the arms alone on a torso at rest at the origin.
+        arms = {joints.JOINT_NAMES[i] for i in range(joints.NUM_JOINTS)[ARMS]}
+        others = [i for i, name in enumerate(self.model.names) if i and name not in arms]
+        self._arm_model = pin.buildReducedModel(self.model, others, pin.neutral(self.model))
+        self._arm_data = self._arm_model.createData()
         self.mass = float(pin.computeTotalMass(self.model))
-        self._feet = [self._frame_id(frames.FOOT_FRAMES[side]) for side in SIDES]
-        self._hands = [self._frame_id(frames.HAND_FRAMES[side]) for side in SIDES]
-        self._knee_columns = [
-            (6 + jp, 6 + joints.MOTOR_POSITION_INDEX.index(jd)) for jp, jd in joints.KNEE_INDICES
-        ]
-        self._keep = np.array([*range(6), *(6 + i for i in joints.MOTOR_POSITION_INDEX)])
-        self._lower = np.tril_indices(self.model.nv, -1)
+        self._feet = [self._frame_id(self.model, frames.FOOT_FRAMES[side]) for side in SIDES]
+        self._hands = [self._frame_id(self._arm_model, frames.HAND_FRAMES[side]) for side in SIDES]
+        self._reduction = np.zeros((self.model.nv, NV))
+        self._reduction[:6, :6] = np.eye(6)
+        self._reduction[6:, 6:] = joints.MOTOR_TO_JOINT
+        self._upper = np.tri(self.model.nv, dtype=bool).T
         self._no_acceleration = np.zeros(self.model.nv)
-        self._jacobians = np.empty((27, self.model.nv))
+        self._arms_no_acceleration = np.zeros(self._arm_model.nv)
+        # Rows of CoM, feet and hands; the hands' are zero in all columns but the arms'.
+        self._jacobians = np.zeros((27, self.model.nv))
         self.motor_positions = np.array(joints.MOTOR_POSITION_INDEX)
 
-    def _frame_id(self, name: str) -> int:
-        if not self.model.existFrame(name):
-            known = sorted(frame.name for frame in self.model.frames)
+    @staticmethod
+    def _frame_id(model: pin.Model, name: str) -> int:
+        if not model.existFrame(name):
+            known = sorted(frame.name for frame in model.frames)
             raise ModelError(f"the MJCF has no frame {name!r}; it has {known}")
-        return int(self.model.getFrameId(name))
+        return int(model.getFrameId(name))
 
     def reduce_columns(self, matrix: Array) -> Array:
-        """Map (n, 33) to (n, 31): ``matrix @ G``."""
-        reduced: Array = matrix.take(self._keep, axis=1)
-        for source, target in self._knee_columns:
-            reduced[:, target] += matrix[:, source]
+        """Map (..., 33) to (..., 31): ``matrix @ G``."""
+        reduced: Array = matrix.dot(self._reduction)
         return reduced
 
     def update(self, state: RobotState) -> "Dynamics":
         """Compute everything the tasks and the QP need at ``state``."""
         model, data = self.model, self.data
         q, v = state
-        # One pass leaves M (upper triangle), h, all Jacobians and the CoM's.
-        pin.computeAllTerms(model, data, q, v)
-        mass = data.M
-        mass[self._lower] = mass.T[self._lower]
+        # In this convention the one pass for M (upper triangle) leaves all Jacobians too.
+        pin.crba(model, data, q, pin.Convention.WORLD)
+        mass = np.where(self._upper, data.M, data.M.T)
         mass = self.reduce_columns(self.reduce_columns(mass).T)
-        bias = self.reduce_columns(data.nle[None, :])[0]
+        bias = self.reduce_columns(pin.nonLinearEffects(model, data, q, v))
         # Accelerations at zero joint acceleration are the Jdot v of every frame and of the CoM.
-        pin.centerOfMass(model, data, q, v, self._no_acceleration)
-        feet = [self._frame(data, index) for index in self._feet]
-        body = self._body_data
-        q_body, v_body = q.copy(), v.copy()
-        q_body[:7] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-        v_body[:6] = 0.0
-        pin.computeJointJacobians(model, body, q_body)
-        pin.forwardKinematics(model, body, q_body, v_body, self._no_acceleration)
-        hands = [self._frame(body, index) for index in self._hands]
+        com = pin.centerOfMass(model, data, q, v, self._no_acceleration, False)
+        arms, arm_data = self._arm_model, self._arm_data
+        q_arms, v_arms = q[7:][ARMS], v[6:][ARMS]
+        pin.computeJointJacobians(arms, arm_data, q_arms)
+        pin.forwardKinematics(arms, arm_data, q_arms, v_arms, self._arms_no_acceleration)
         stack = self._jacobians
-        stack[:3] = data.Jcom
-        for row, (_, _, _, jacobian, _) in zip((3, 9, 15, 21), feet + hands, strict=True):
-            stack[row : row + 6] = jacobian
-        # Relative to the torso, a hand moves by its arm alone.
-        stack[15:, :6] = 0.0
-        reduced = self.reduce_columns(stack)
+        stack[:3] = pin.jacobianCenterOfMass(model, data, False)
+        for rows, index in zip(FOOT_ROWS, self._feet, strict=True):
+            stack[rows] = pin.getFrameJacobian(model, data, index, LWA)
+        for rows, index in zip(HAND_ROWS, self._hands, strict=True):
+            stack[rows, 6:][:, ARMS] = pin.getFrameJacobian(arms, arm_data, index, LWA)
+        jacobians, velocities = self.reduce_columns(stack), stack.dot(v)
+        left_foot, right_foot = (
+            _frame(model, data, index, jacobians[rows], velocities[rows])
+            for rows, index in zip(FOOT_ROWS, self._feet, strict=True)
+        )
+        left_hand, right_hand = (
+            _frame(arms, arm_data, index, jacobians[rows], velocities[rows])
+            for rows, index in zip(HAND_ROWS, self._hands, strict=True)
+        )
         return Dynamics(
             base_position=q[:3],
             base_rotation=data.oMi[1].rotation.copy(),
@@ -155,31 +166,24 @@ class RobotModel:
             motor_velocity=v[6:].take(self.motor_positions),
             mass_matrix=mass,
             bias_force=bias,
-            com_position=data.com[0].copy(),
-            com_velocity=data.vcom[0].copy(),
-            com_jacobian=reduced[:3],
+            com_position=com.copy(),
+            com_velocity=velocities[:3],
+            com_jacobian=jacobians[:3],
             com_bias=data.acom[0].copy(),
-            feet=(
-                feet[0]._replace(jacobian=reduced[3:9]),
-                feet[1]._replace(jacobian=reduced[9:15]),
-            ),
-            hands=(
-                hands[0]._replace(jacobian=reduced[15:21]),
-                hands[1]._replace(jacobian=reduced[21:27]),
-            ),
+            feet=(left_foot, right_foot),
+            hands=(left_hand, right_hand),
         )
 
-    def _frame(self, data: pin.Data, index: int) -> FrameKinematics:
-        """Kinematics of a frame with its Jacobian still in 33 columns."""
-        model = self.model
-        placement = pin.updateFramePlacement(model, data, index)
-        return FrameKinematics(
-            position=placement.translation.copy(),
-            rotation=placement.rotation.copy(),
-            velocity=pin.getFrameVelocity(model, data, index, LWA).vector,
-            jacobian=pin.getFrameJacobian(model, data, index, LWA),
-            bias=pin.getFrameClassicalAcceleration(model, data, index, LWA).vector,
-        )
+
+def _frame(
+    model: pin.Model, data: pin.Data, index: int, jacobian: Array, velocity: Array
+) -> FrameKinematics:
+    """Add pose and bias to a frame's Jacobian and velocity."""
+    placement = pin.updateFramePlacement(model, data, index)
+    bias = pin.getFrameClassicalAcceleration(model, data, index, LWA).vector
+    return FrameKinematics(
+        placement.translation.copy(), placement.rotation.copy(), velocity, jacobian, bias
+    )
 
 
 class Dynamics(NamedTuple):
@@ -222,6 +226,6 @@ class Dynamics(NamedTuple):
         foot = self.feet[side]
         local = np.empty((6, NV))
         to_foot = foot.rotation.T
-        local[:3] = to_foot @ foot.jacobian[:3]
-        local[3:] = to_foot @ foot.jacobian[3:]
+        np.dot(to_foot, foot.jacobian[:3], out=local[:3])
+        np.dot(to_foot, foot.jacobian[3:], out=local[3:])
         return local
