@@ -1,7 +1,7 @@
 """The whole-body controller as a pure object: measured state and wishes in, joint command out."""
 
 from dataclasses import dataclass
-from math import hypot, sqrt
+from math import hypot
 from pathlib import Path
 from time import perf_counter
 
@@ -85,6 +85,8 @@ class Controller:
         tasks = config.tasks
         self._posture = posture_gains(tasks)
         self._hand_gains = pose_gains(tasks.hand_position, tasks.hand_rotation)
+        share = tasks.hand_rotation_share
+        self._hand_shares = np.array([1.0, 1.0, 1.0, share, share, share])
         self._foot_gains = pose_gains(tasks.foot, tasks.foot)
         xy, z = tasks.com_horizontal, tasks.com_vertical
         self._com_gains = np.array([xy.kp, xy.kp, z.kp]), np.array([xy.kd, xy.kd, z.kd])
@@ -178,7 +180,7 @@ class Controller:
         angular = rotation @ dynamics.base_twist[3:]
         desired = (
             reference.acceleration[3:]
-            + tasks.torso.kp * rotation_vector(reference.rotation @ rotation.T)
+            + tasks.torso.kp * rotation_vector(reference.rotation.dot(rotation.T))
             + tasks.torso.kd * (reference.velocity[3:] - angular)
         )
         self.stack.jacobian[TORSO, 3:6] = rotation
@@ -192,7 +194,7 @@ class Controller:
         span = abs(tasks.hand_weight_balancing - tasks.hand_weight_walking)
         step = span / (tasks.hand_weight_ramp * self.config.rate)
         self.hand_weight += min(max(goal - self.hand_weight, -step), step)
-        weight = np.repeat([self.hand_weight, tasks.hand_rotation_share * self.hand_weight], 3)
+        weight = self.hand_weight * self._hand_shares
         for rows, kinematics, hand in zip(HANDS, hands, self.hands, strict=True):
             desired = pose_acceleration(kinematics, hand.at(time), *self._hand_gains)
             self.stack.put(rows, kinematics.jacobian, desired - kinematics.bias, weight)
@@ -203,13 +205,13 @@ class Controller:
         tasks = self.config.tasks
         if swing is None:
             # A standing foot is held by the ground: ask for no acceleration, anchor nothing.
-            desired = np.zeros(6)
+            target = -foot.bias
         else:
-            desired = pose_acceleration(foot, swing, *self._foot_gains)
+            target = pose_acceleration(foot, swing, *self._foot_gains) - foot.bias
         weight = tasks.foot_weight_swing + load * (
             tasks.foot_weight_stance - tasks.foot_weight_swing
         )
-        self.stack.put(rows, foot.jacobian, desired - foot.bias, weight)
+        self.stack.put(rows, foot.jacobian, target, weight)
 
     def _force_share(self, body: BodyReference) -> tuple[float, float]:
         weight = self.model.mass * GRAVITY
@@ -261,16 +263,16 @@ class Controller:
         stages: dict[str, float],
     ) -> TickReport:
         dcm = dynamics.com_position[:2] + dynamics.com_velocity[:2] / self._omega
-        errors = np.zeros((2, 2))
-        for side, (hand, kinematics) in enumerate(zip(self.hands, hands, strict=True)):
+        errors = []
+        for hand, kinematics in zip(self.hands, hands, strict=True):
             position, rotation = hand.target
             offset = position - kinematics.position
-            turn = rotation_vector(rotation @ kinematics.rotation.T)
-            errors[side] = sqrt(offset @ offset), sqrt(turn @ turn)
+            turn = rotation_vector(rotation.dot(kinematics.rotation.T))
+            errors.append((hypot(*offset.tolist()), hypot(*turn.tolist())))
         return TickReport(
             stages,
-            hypot(*(dcm - body.dcm)),
-            errors,
+            hypot(*(dcm - body.dcm).tolist()),
+            np.array(errors),
             dynamics.com_position,
             solution.solved,
             solution.status,

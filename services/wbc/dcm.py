@@ -9,6 +9,7 @@ CoM set-point, whose VRP follows as v = xi - xidot / w. (Takenaka et al. 2009; E
 
 from dataclasses import dataclass
 from math import exp, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import lfilter
@@ -33,8 +34,7 @@ class DcmTiming:
     settle: float
 
 
-@dataclass(frozen=True)
-class DcmReference:
+class DcmReference(NamedTuple):
     """References at one instant, horizontal (x, y) in world [m, m/s, m/s²]."""
 
     dcm: Array
@@ -44,14 +44,20 @@ class DcmReference:
     com_acceleration: Array
 
 
-@dataclass(frozen=True)
 class DcmPlan:
-    """References on a uniform grid; beyond its end the robot rests at the last point."""
+    """References on a uniform grid; beyond its end the robot rests at the last point.
 
-    omega: float
-    dcm: Array
-    vrp: Array
-    com: Array
+    Attributes:
+        omega: natural frequency [1/s].
+        dcm, vrp, com: (n, 2) in world [m], :data:`GRID` apart.
+    """
+
+    def __init__(self, omega: float, dcm: Array, vrp: Array, com: Array) -> None:
+        self.omega = omega
+        self.dcm, self.vrp, self.com = dcm, vrp, com
+        # All of a reference in one table, so that one interpolation serves it.
+        velocity, acceleration = omega * (dcm - com), omega * omega * (com - vrp)
+        self._table = np.stack((dcm, vrp, com, velocity, acceleration), axis=1)
 
     @property
     def duration(self) -> float:
@@ -60,16 +66,11 @@ class DcmPlan:
 
     def at(self, time: float) -> DcmReference:
         """References ``time`` seconds after the start, linear between grid points."""
-        last = len(self.dcm) - 1
+        last = len(self._table) - 1
         position = min(max(time / GRID, 0.0), float(last))
         k = min(int(position), last - 1)
         share = position - k
-        dcm = (1.0 - share) * self.dcm[k] + share * self.dcm[k + 1]
-        vrp = (1.0 - share) * self.vrp[k] + share * self.vrp[k + 1]
-        com = (1.0 - share) * self.com[k] + share * self.com[k + 1]
-        return DcmReference(
-            dcm, vrp, com, self.omega * (dcm - com), self.omega * self.omega * (com - vrp)
-        )
+        return DcmReference(*((1.0 - share) * self._table[k] + share * self._table[k + 1]))
 
 
 def natural_frequency(com_height: float) -> float:

@@ -24,9 +24,9 @@ def clamp_norm(vector: Array, limit: float) -> Array:
 def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
     """Hand position (3,) in the body frame limited to the reachable box; ``side`` 0 left."""
     low, high = config.y_range if side == 0 else (-config.y_range[1], -config.y_range[0])
-    lower = np.array([config.x_range[0], low, config.z_range[0]])
-    upper = np.array([config.x_range[1], high, config.z_range[1]])
-    clamped: Array = np.clip(position, lower, upper)
+    lower = (config.x_range[0], low, config.z_range[0])
+    upper = (config.x_range[1], high, config.z_range[1])
+    clamped: Array = np.minimum(np.maximum(position, lower), upper)
     return clamped
 
 
@@ -47,17 +47,24 @@ class _Segment:
         self.start, self.duration, self.base_rotation = start, duration, base_rotation
         (a, b), (va, vb) = values, rates * duration
         # Hermite basis gathered into powers of the normalised time.
-        self._c = (a, va, 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb)
+        self._coefficients = np.array(
+            (a, va, 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb)
+        )
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Value, rate and acceleration (6,); constant rate zero acceleration past the end."""
         s = min(max((time - self.start) / self.duration, 0.0), 1.0)
-        c0, c1, c2, c3 = self._c
-        value = c0 + s * (c1 + s * (c2 + s * c3))
-        rate = (c1 + s * (2.0 * c2 + 3.0 * s * c3)) / self.duration
-        if s >= 1.0:
-            return value, rate, np.zeros(6)
-        return value, rate, (2.0 * c2 + 6.0 * s * c3) / self.duration**2
+        pace = 1.0 / self.duration
+        bend = pace * pace if s < 1.0 else 0.0
+        powers = np.array(
+            (
+                (1.0, s, s * s, s * s * s),
+                (0.0, pace, 2.0 * s * pace, 3.0 * s * s * pace),
+                (0.0, 0.0, 2.0 * bend, 6.0 * s * bend),
+            )
+        )
+        value, rate, acceleration = powers.dot(self._coefficients)
+        return value, rate, acceleration
 
 
 class HandReference:
@@ -131,7 +138,7 @@ class HandReference:
         if not self._stopped and (expired or silent > self._config.stale_after):
             self._stop(time)
         value, rate, acceleration = self._segment.at(time)
-        rotation = matrix_from_rotation_vector(value[3:]) @ self._segment.base_rotation
+        rotation = matrix_from_rotation_vector(value[3:]).dot(self._segment.base_rotation)
         return PoseReference(value[:3], rotation, rate, acceleration)
 
     def _stop(self, time: float) -> None:

@@ -56,6 +56,9 @@ class QpBuilder:
         effort = joints.EFFORT_RELAXED if limits.torque_mode == "relaxed" else joints.EFFORT_RATED
         # A motor coordinate carries the torque of every hinge it turns: twice for a knee.
         self.torque_limit: Array = joints.MOTOR_TO_JOINT.T @ effort
+        # No motor turns the floating base.
+        self._highest_torque = np.concatenate((np.zeros(6), self.torque_limit))
+        self._lowest_torque = -self._highest_torque
         index = np.array(joints.MOTOR_POSITION_INDEX)[ARMS]
         self._lower = joints.POSITION_LOWER[index] + limits.joint_margin
         self._upper = joints.POSITION_UPPER[index] - limits.joint_margin
@@ -101,7 +104,7 @@ class QpBuilder:
         for side, columns in enumerate(FORCES):
             cone = slice(CONES.start + side * CONE_ROWS, CONES.start + (side + 1) * CONE_ROWS)
             if normal_force_max[side] > AIRBORNE:
-                data.A[DYNAMICS, columns] = -dynamics.foot_wrench_jacobian(side).T
+                np.negative(dynamics.foot_wrench_jacobian(side).T, out=data.A[DYNAMICS, columns])
                 data.l[cone], data.u[NORMAL.start + side] = 0.0, normal_force_max[side]
             else:
                 # No wrench at all is the same robot as a cone squeezed to a point, but leaves
@@ -109,10 +112,8 @@ class QpBuilder:
                 data.A[DYNAMICS, columns] = 0.0
                 data.l[cone], data.u[NORMAL.start + side] = -INFINITY, INFINITY
             data.q[columns.start + FZ] = -weight * normal_force_desired[side]
-        h = dynamics.bias_force
-        data.l[:6] = data.u[:6] = -h[:6]
-        data.l[TORQUE] = -self.torque_limit - h[6:]
-        data.u[TORQUE] = self.torque_limit - h[6:]
+        np.subtract(self._lowest_torque, dynamics.bias_force, out=data.l[DYNAMICS])
+        np.subtract(self._highest_torque, dynamics.bias_force, out=data.u[DYNAMICS])
         data.l[ARM_BOUNDS], data.u[ARM_BOUNDS] = self._arm_bounds(dynamics)
         return data
 

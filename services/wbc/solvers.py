@@ -77,8 +77,8 @@ class OsqpSolver:
         self._tolerance = tolerance
         self._max_iterations = max_iterations
         self._solver: Any = None
-        self._P_index: Any = None
-        self._A_index: Any = None
+        # Places of P's and A's nonzeros in the flattened matrices.
+        self._P_places = self._A_places = np.ones(0, dtype=np.intp)
         self._scale = self._P_scale = self._A_scale = np.ones(0)
 
     def _setup(self, data: QpData) -> None:
@@ -88,15 +88,17 @@ class OsqpSolver:
         P_mask, A_mask = _pattern()
         # Constant rows (cones, bounds) keep the pattern of their values.
         A_mask[NV:] = data.A[NV:] != 0.0
-        self._P_index = _csc_index(P_mask)
-        self._A_index = _csc_index(A_mask)
+        P_rows, P_columns = _csc_index(P_mask)
+        A_rows, A_columns = _csc_index(A_mask)
+        self._P_places = np.ravel_multi_index((P_rows, P_columns), P_mask.shape)
+        self._A_places = np.ravel_multi_index((A_rows, A_columns), A_mask.shape)
         scale = np.minimum(1.0 / np.sqrt(data.P.diagonal()), 10.0)
         scale[NV:] = FORCE_SCALE
         self._scale = scale
-        self._P_scale = scale[self._P_index[0]] * scale[self._P_index[1]]
-        self._A_scale = scale[self._A_index[1]]
-        P = _csc(sparse, P_mask, self._P_scale * data.P[self._P_index])
-        A = _csc(sparse, A_mask, self._A_scale * data.A[self._A_index])
+        self._P_scale = scale[P_rows] * scale[P_columns]
+        self._A_scale = scale[A_columns]
+        P = _csc(sparse, P_mask, self._P_scale * data.P.take(self._P_places))
+        A = _csc(sparse, A_mask, self._A_scale * data.A.take(self._A_places))
         self._solver = osqp.OSQP()
         self._solver.setup(
             P,
@@ -126,8 +128,8 @@ class OsqpSolver:
                 q=self._scale * data.q,
                 l=data.l,
                 u=data.u,
-                Px=self._P_scale * data.P[self._P_index],
-                Ax=self._A_scale * data.A[self._A_index],
+                Px=self._P_scale * data.P.take(self._P_places),
+                Ax=self._A_scale * data.A.take(self._A_places),
             )
         result = self._solver.solve(raise_error=False)
         info = result.info

@@ -1,6 +1,7 @@
 """Reference of a swing foot: minimum jerk across, two minimum-jerk halves up and down."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -48,19 +49,17 @@ class SwingTrajectory:
     def at(self, time: float) -> PoseReference:
         """Reference ``time`` seconds after lift-off; at rest outside [0, duration]."""
         s, sd, sdd = minimum_jerk(time / self.duration, self.duration)
-        offset = self.end - self.start
-        position = self.start + s * offset
-        linear, linear_acc = sd * offset, sdd * offset
-        position[2], linear[2], linear_acc[2] = self._height_at(time)
-        # The rotation is about a fixed axis, so its rate is the axis angle's rate.
+        pose, velocity, acceleration = s * self._change, sd * self._change, sdd * self._change
+        position = self.start + pose[:3]
+        position[2], velocity[2], acceleration[2] = self._height_at(time)
+        rotation = matrix_from_rotation_vector(pose[3:]).dot(self.start_rotation)
+        return PoseReference(position, rotation, velocity, acceleration)
+
+    @cached_property
+    def _change(self) -> Array:
+        """(6,) displacement and turn; the axis is fixed, so the rate is the axis angle's rate."""
         turn = rotation_vector(self.end_rotation @ self.start_rotation.T)
-        rotation = matrix_from_rotation_vector(s * turn) @ self.start_rotation
-        return PoseReference(
-            position,
-            rotation,
-            np.concatenate((linear, sd * turn)),
-            np.concatenate((linear_acc, sdd * turn)),
-        )
+        return np.concatenate((self.end - self.start, turn))
 
     def _height_at(self, time: float) -> tuple[float, float, float]:
         half = 0.5 * self.duration

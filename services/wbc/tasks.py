@@ -35,9 +35,10 @@ def pose_acceleration(
     """Desired acceleration (6,), linear then angular, that pulls a frame to a moving pose."""
     error = np.empty(6)
     error[:3] = reference.position - kinematics.position
-    error[3:] = rotation_vector(reference.rotation @ kinematics.rotation.T)
-    rate = reference.velocity - kinematics.velocity
-    result: Array = reference.acceleration + kp * error + kd * rate
+    error[3:] = rotation_vector(reference.rotation.dot(kinematics.rotation.T))
+    result: Array = kp * error
+    result += kd * (reference.velocity - kinematics.velocity)
+    result += reference.acceleration
     return result
 
 
@@ -81,5 +82,5 @@ class TaskStack:
 
     def quadratic(self) -> tuple[Array, Array]:
         """Hessian (31, 31) and gradient (31,) of 1/2 sum_i w_i |J_i qdd - target_i|^2."""
-        weighted = self.weight[:, None] * self.jacobian
-        return self.jacobian.T @ weighted, -(weighted.T @ self.target)
+        weighted = (self.weight[:, None] * self.jacobian).T
+        return weighted.dot(self.jacobian), -weighted.dot(self.target)
