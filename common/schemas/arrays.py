@@ -4,8 +4,8 @@ The dtype and shape live in the schema, never in the message, so a message canno
 a decoded array is a read-only view on the received bytes.
 """
 
+import math
 from dataclasses import dataclass
-from math import prod
 from typing import Annotated, Any
 
 import numpy as np
@@ -35,7 +35,7 @@ class ArraySpec:
         """Return ``value`` (bytes, array or nested sequence) as a checked array."""
         array: Float64Array
         if isinstance(value, bytes):
-            expected = 8 * prod(self.shape)
+            expected = 8 * math.prod(self.shape)
             if len(value) != expected:
                 raise ValueError(
                     f"expected {expected} bytes (float64{list(self.shape)}), got {len(value)}"
@@ -49,7 +49,7 @@ class ArraySpec:
         if b"\0" in np.isfinite(array).tobytes():
             raise ValueError("expected finite numbers, got NaN or infinity")
         if self.unit:
-            norm = float(np.linalg.norm(array))
+            norm = math.sqrt(array @ array)
             if abs(norm - 1.0) > UNIT_TOLERANCE:
                 raise ValueError(f"expected a unit quaternion (w, x, y, z), got norm {norm:.6g}")
         return array

@@ -30,9 +30,13 @@ def normal_forces(data: Any) -> Array:
 
 def foot_normal_forces(data: Any, feet: NDArray[np.intp]) -> Array:
     """(2,) sum of the normal forces on the foot geoms ``feet`` (2,): left, right [N]."""
-    touches = (data.contact.geom == feet[:, None, None]).any(axis=2)
-    forces: Array = touches @ normal_forces(data)
-    return forces
+    total = dict.fromkeys(feet.tolist(), 0.0)
+    # A loop: a dozen contacts are too few for array operations to pay.
+    for pair, force in zip(data.contact.geom.tolist(), normal_forces(data).tolist(), strict=True):
+        for geom in pair:
+            if geom in total:
+                total[geom] += force
+    return np.array(list(total.values()))
 
 
 def contact_list(model: Any, data: Any) -> list[Contact]:

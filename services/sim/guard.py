@@ -10,9 +10,11 @@ more than one that was late in coming. So no torque rests on a measurement older
 """
 
 from enum import Enum
+from typing import Final
 
 import numpy as np
 
+from common.robot.joints import NUM_JOINTS
 from common.schemas import GuardMode, JointCommand
 from services.sim import limits
 from services.sim.config import GuardConfig
@@ -37,33 +39,42 @@ class Refusal(Enum):
     GRIPPER = "gripper closure outside 0..1"
 
 
+_ZERO = np.zeros(NUM_JOINTS)
+_RANGES: Final = (
+    (Refusal.STIFFNESS, _ZERO, limits.STIFFNESS_MAX),
+    (Refusal.DAMPING, _ZERO, limits.DAMPING_MAX),
+    (Refusal.POSITION, limits.POSITION_MIN, limits.POSITION_MAX),
+    (Refusal.VELOCITY, -limits.VELOCITY_MAX, limits.VELOCITY_MAX),
+    (Refusal.ACCELERATION, -limits.ACCELERATION_MAX, limits.ACCELERATION_MAX),
+    (Refusal.TORQUE, -limits.TORQUE_MAX, limits.TORQUE_MAX),
+    (Refusal.GRIPPER, np.full(2, -limits.CLOSURE_MARGIN), np.full(2, 1.0 + limits.CLOSURE_MARGIN)),
+)
+"""Lowest and highest value of each part of a command, in the order of judgement."""
+_LOWEST: Final = np.concatenate([low for _, low, _ in _RANGES])
+_HIGHEST: Final = np.concatenate([high for _, _, high in _RANGES])
+
+
 def refuse_values(command: JointCommand) -> Refusal | None:
     """Return why the numbers in ``command`` cannot be applied, or None."""
-    position, closure = command.position, command.gripper_closure
-    everything = (
-        position,
-        command.velocity,
-        command.acceleration,
-        command.torque,
-        command.stiffness,
-        command.damping,
-        closure,
+    values = np.concatenate(
+        (
+            command.stiffness,
+            command.damping,
+            command.position,
+            command.velocity,
+            command.acceleration,
+            command.torque,
+            command.gripper_closure,
+        )
     )
-    if not np.isfinite(np.concatenate(everything)).all():
+    # NaN compares as out of range.
+    allowed = (values >= _LOWEST) & (values <= _HIGHEST)
+    if allowed.all():
+        return None
+    if not np.isfinite(values).all():
         return Refusal.NOT_FINITE
-    checks = (
-        (Refusal.STIFFNESS, command.stiffness, 0.0, limits.STIFFNESS_MAX),
-        (Refusal.DAMPING, command.damping, 0.0, limits.DAMPING_MAX),
-        (Refusal.POSITION, position, limits.POSITION_MIN, limits.POSITION_MAX),
-        (Refusal.VELOCITY, np.abs(command.velocity), 0.0, limits.VELOCITY_MAX),
-        (Refusal.ACCELERATION, np.abs(command.acceleration), 0.0, limits.ACCELERATION_MAX),
-        (Refusal.TORQUE, np.abs(command.torque), 0.0, limits.TORQUE_MAX),
-        (Refusal.GRIPPER, closure, -limits.CLOSURE_MARGIN, 1.0 + limits.CLOSURE_MARGIN),
-    )
-    for refusal, value, low, high in checks:
-        if not ((value >= low) & (value <= high)).all():
-            return refusal
-    return None
+    first = int(np.argmin(allowed)) // NUM_JOINTS
+    return _RANGES[first][0]
 
 
 class Guard:

@@ -31,6 +31,7 @@ LIMIT_FADE = 0.02
 JOINT_TO_MOTOR: Array = (MOTOR_TO_JOINT / MOTOR_TO_JOINT.sum(axis=0)).T
 """(25, 27): mean over the joints a motor turns. Takes positions, velocities and torques."""
 
+_MOTORS = np.arange(NUM_MOTORS)
 _POSITION = slice(0, NUM_MOTORS)
 _VELOCITY = slice(NUM_MOTORS, 2 * NUM_MOTORS)
 _TIME = 2 * NUM_MOTORS
@@ -73,12 +74,20 @@ def motor_target(
         stiffness: (27,) [N·m/rad].
         damping: (27,) [N·m·s/rad].
     """
+    joint_law = np.array(
+        (
+            -stiffness,
+            -damping,
+            torque + stiffness * position + damping * velocity,
+            stiffness * velocity + damping * acceleration,
+            0.5 * stiffness * acceleration,
+        )
+    )
+    terms = joint_law @ JOINT_TO_MOTOR.T
     law = np.zeros((NUM_MOTORS, _TIME + 3))
-    law[:, _POSITION] = np.diag(-(JOINT_TO_MOTOR @ stiffness))
-    law[:, _VELOCITY] = np.diag(-(JOINT_TO_MOTOR @ damping))
-    law[:, _TIME] = JOINT_TO_MOTOR @ (torque + stiffness * position + damping * velocity)
-    law[:, _TIME + 1] = JOINT_TO_MOTOR @ (stiffness * velocity + damping * acceleration)
-    law[:, _TIME + 2] = JOINT_TO_MOTOR @ (0.5 * stiffness * acceleration)
+    law[_MOTORS, _MOTORS] = terms[0]
+    law[_MOTORS, NUM_MOTORS + _MOTORS] = terms[1]
+    law[:, _TIME:] = terms[2:].T
     return Target(stamp_ns, law)
 
 
