@@ -85,8 +85,7 @@ class Controller:
         tasks = config.tasks
         self._posture = posture_gains(tasks)
         self._hand_gains = pose_gains(tasks.hand_position, tasks.hand_rotation)
-        share = tasks.hand_rotation_share
-        self._hand_shares = np.array([1.0, 1.0, 1.0, share, share, share])
+        self._hand_shares = np.repeat([1.0, tasks.hand_rotation_share], 3)
         self._foot_gains = pose_gains(tasks.foot, tasks.foot)
         xy, z = tasks.com_horizontal, tasks.com_vertical
         self._com_gains = np.array([xy.kp, xy.kp, z.kp]), np.array([xy.kd, xy.kd, z.kd])

@@ -8,6 +8,7 @@ Order of the reduced velocity: base linear and angular velocity in ``torso_link`
 25 motors in :data:`common.robot.MOTORS` order.
 """
 
+from math import hypot
 from typing import NamedTuple
 
 import numpy as np
@@ -64,12 +65,12 @@ class RobotState(NamedTuple):
     def from_plant(cls, state: PlantState) -> "RobotState":
         """Convert a bus message: base velocity from world to body, quaternion to scalar last."""
         rotation = matrix_from_quaternion(state.base_quaternion)
-        w, x, y, z = state.base_quaternion / np.sqrt(state.base_quaternion @ state.base_quaternion)
+        unit = state.base_quaternion / hypot(*state.base_quaternion.tolist())
         return cls(
-            np.concatenate((state.base_position, (x, y, z, w), state.joint_position)),
+            np.concatenate((state.base_position, unit[1:], unit[:1], state.joint_position)),
             np.concatenate(
                 (
-                    rotation.T @ state.base_linear_velocity,
+                    rotation.T.dot(state.base_linear_velocity),
                     state.base_angular_velocity,
                     state.joint_velocity,
                 )

@@ -79,9 +79,9 @@ def matrix_from_yaw(yaw: float) -> Array:
 
 def yaw_of(matrix: Array) -> float:
     """Heading of a rotation matrix: direction of its x axis in the horizontal plane [rad]."""
-    return float(np.arctan2(matrix[1, 0], matrix[0, 0]))
+    return atan2(matrix[1, 0], matrix[0, 0])
 
 
 def wrap_angle(angle: float) -> float:
     """The same angle in (-pi, pi]."""
-    return float(np.arctan2(sin(angle), cos(angle)))
+    return atan2(sin(angle), cos(angle))
