@@ -143,7 +143,10 @@ class HandConfig(_Config):
     y_range: tuple[float, float] = Field(
         default=(-0.10, 0.45), description="of the left hand; the right is mirrored [m]"
     )
-    z_range: tuple[float, float] = (-0.15, 0.50)
+    z_range: tuple[float, float] = Field(
+        default=(-0.15, 0.40),
+        description="higher, near the chest, the upper arms meet it and the robot topples [m]",
+    )
 
 
 class MotorGains(_Config):

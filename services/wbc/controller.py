@@ -102,10 +102,16 @@ class Controller:
         self.locomotion = Locomotion(config)
         self.hands = (HandReference(0, config.hands), HandReference(1, config.hands))
         self.hand_weight = config.tasks.hand_weight_walking
-        self.gripper = np.zeros(2)
+        self._gripper: Array | None = None
         nominal = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)]
         self._posture_target = nominal[12:].copy()
         self._last: tuple[Command, Array] | None = None
+
+    def gripper(self, state: PlantState) -> Array:
+        """Closure (2,) to command: the set-point's, or as found while there is none yet."""
+        if self._gripper is None:
+            self._gripper = np.clip(state.gripper_closure, 0.0, 1.0)
+        return self._gripper
 
     def request(self, request_id: int, gait: Gait) -> None:
         """Pass on a gait request; the answer appears in ``locomotion.answers()``."""
@@ -119,7 +125,7 @@ class Controller:
         )
         for hand, (position, quaternion) in zip(self.hands, poses, strict=True):
             hand.set(position, matrix_from_quaternion(quaternion), time)
-        self.gripper = np.clip(setpoint.gripper_closure, 0.0, 1.0)
+        self._gripper = np.clip(setpoint.gripper_closure, 0.0, 1.0)
         low, high = joints.POSITION_LOWER[joints.NECK][0], joints.POSITION_UPPER[joints.NECK][0]
         self._posture_target[-1] = min(max(setpoint.neck_pitch, low), high)
 

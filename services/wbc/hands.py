@@ -52,7 +52,7 @@ class _Segment:
         )
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Value, rate and acceleration (6,); constant rate zero acceleration past the end."""
+        """Value, rate and acceleration (6,); constant rate and zero acceleration past the end."""
         s = min(max((time - self.start) / self.duration, 0.0), 1.0)
         pace = 1.0 / self.duration
         bend = pace * pace if s < 1.0 else 0.0
@@ -64,6 +64,7 @@ class _Segment:
             )
         )
         value, rate, acceleration = powers.dot(self._coefficients)
+        value = value + rate * max(0.0, time - self.start - self.duration)
         return value, rate, acceleration
 
 
@@ -119,11 +120,16 @@ class HandReference:
         now = self.at(time)
         config = self._config
         period = config.setpoint_period
-        end = position + rate[:3] * period
+        end = clamp_workspace(position + rate[:3] * period, self._side, config)
+        rate = rate.copy()
+        rate[:3] = (end - position) / period
         turn = rotation_vector(rotation @ now.rotation.T) + rate[3:] * period
         distance = float(np.linalg.norm(end - now.position))
         angle = float(np.linalg.norm(turn))
-        duration = max(period, distance / config.speed_max, angle / config.turn_rate_max)
+        # A cubic from rest to rest peaks at 1.5 times its mean speed.
+        duration = max(
+            period, 1.5 * distance / config.speed_max, 1.5 * angle / config.turn_rate_max
+        )
         values = np.array([[*now.position, 0.0, 0.0, 0.0], [*end, *turn]])
         self._segment = _Segment(
             time, duration, values, np.array([now.velocity, rate]), now.rotation

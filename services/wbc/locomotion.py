@@ -34,12 +34,12 @@ class _FootEstimate:
 
     def __init__(self, samples: int) -> None:
         self._samples = samples
+        self.position = np.zeros(3)
+        self.yaw = 0.0
         self.reset()
 
     def reset(self) -> None:
         self._count = 0
-        self.position = np.zeros(3)
-        self.yaw = 0.0
 
     def update(self, position: Array, yaw: float) -> None:
         self._count = min(self._count + 1, self._samples)

@@ -6,7 +6,7 @@ the answer it then gets is the latest known, and the robot does nothing twice.
 
 from collections import OrderedDict
 
-from common.schemas import GaitRequest
+from common.schemas import GaitOutcome, GaitRequest
 from services.wbc.locomotion import Answer
 
 REMEMBERED = 256
@@ -31,10 +31,16 @@ class RequestBook:
         self._numbers[key] = self._count
         self._ids[self._count] = request.request_id
         if len(self._numbers) > REMEMBERED:
-            _, oldest = self._numbers.popitem(last=False)
-            self._ids.pop(oldest, None)
-            self._answers.pop(oldest, None)
+            self._forget_one()
         return self._count
+
+    def _forget_one(self) -> None:
+        """Forget the oldest request that is over; one still in progress has an answer to come."""
+        for key, number in self._numbers.items():
+            answer = self._answers.get(number)
+            if answer is not None and answer.outcome is not GaitOutcome.ACCEPTED:
+                del self._numbers[key], self._ids[number], self._answers[number]
+                return
 
     def answered(self, request: GaitRequest) -> Answer | None:
         """Latest answer to a request seen before, under the sender's request id."""

@@ -3,7 +3,7 @@
 Quaternions are (w, x, y, z); rotation vectors are axis times angle [rad].
 """
 
-from math import acos, atan2, cos, sin, sqrt
+from math import atan2, cos, sin, sqrt
 
 import numpy as np
 
@@ -47,11 +47,12 @@ def rotation_vector(matrix: Array) -> Array:
 
 def _half_turn(matrix: Array, cosine: float, skew: Array) -> Array:
     """Near pi the skew part vanishes; the axis is in the symmetric part."""
-    symmetric = 0.5 * (matrix + np.eye(3))
-    k = int(np.argmax(np.diagonal(symmetric)))
-    axis = symmetric[:, k] / sqrt(float(symmetric[k, k]))
+    # R's symmetric part is cos I + (1 - cos) a a'.
+    outer = (0.5 * (matrix + matrix.T) - cosine * np.eye(3)) / (1.0 - cosine)
+    k = int(np.argmax(np.diagonal(outer)))
+    axis = outer[:, k] / sqrt(float(outer[k, k]))
     sign = 1.0 if float(axis @ skew) >= 0.0 else -1.0
-    return sign * acos(cosine) * axis
+    return sign * atan2(0.5 * sqrt(float(skew @ skew)), cosine) * axis
 
 
 def matrix_from_rotation_vector(vector: Array) -> Array:

@@ -52,12 +52,14 @@ class WbcService(Service):
         self._book = RequestBook()
         self._reset_count: int | None = None
         self._stamp = -1
+        self._setpoint_due = False
         self._completed_before = 0
         self._requests: list[GaitRequest] = []
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """One tick; silent while there is no newer state to control."""
         state = inputs.latest(PLANT_STATE)
+        self._setpoint_due = self._setpoint_due or inputs.updated(TELEOP_SETPOINT)
         self._requests += inputs.events(TELEOP_GAIT)
         if state is None or state.header.stamp == self._stamp:
             return self._without_state(inputs)
@@ -65,13 +67,14 @@ class WbcService(Service):
         self._stamp = state.header.stamp
         time = state.header.stamp * 1e-9
         setpoint = inputs.latest(TELEOP_SETPOINT)
-        if setpoint is not None and inputs.updated(TELEOP_SETPOINT):
+        if setpoint is not None and self._setpoint_due:
+            self._setpoint_due = False
             self.controller.set_setpoint(setpoint, time)
         outputs += self._take_requests()
         command, report = self.controller.tick(state, time)
         header = Header(stamp=state.header.stamp)
         outputs += [
-            Output(WBC_COMMAND, self._joint_command(command, header)),
+            Output(WBC_COMMAND, self._joint_command(command, state)),
             Output(WBC_STATE, self._controller_state(report, time, header, inputs)),
         ]
         for answer in self.controller.locomotion.answers():
@@ -130,16 +133,16 @@ class WbcService(Service):
         self.controller.restart()
         return outputs
 
-    def _joint_command(self, command: Command, header: Header) -> JointCommand:
+    def _joint_command(self, command: Command, state: PlantState) -> JointCommand:
         return JointCommand(
-            header=header,
+            header=Header(stamp=state.header.stamp),
             position=command.position,
             velocity=command.velocity,
             acceleration=command.acceleration,
             torque=command.torque,
             stiffness=self.stiffness,
             damping=self.damping,
-            gripper_closure=self.controller.gripper,
+            gripper_closure=self.controller.gripper(state),
         )
 
     def _controller_state(

@@ -183,7 +183,8 @@ class DaqpSolver:
         upper[NUM_VARIABLES:] = data.u[: BOUNDS.start]
         general = data.A[: BOUNDS.start]
         x, _, status, _ = self._daqp.solve(data.P, data.q, general, upper, lower, self._sense)
-        return Solution(np.asarray(x), status in (1, 2), f"daqp exit {status}")
+        solved = status in (1, 2) and bool(np.isfinite(x).all())
+        return Solution(np.asarray(x), solved, f"daqp exit {status}")
 
 
 class QuadprogSolver:
@@ -211,7 +212,7 @@ class QuadprogSolver:
             x = self._quadprog.solve_qp(data.P, -data.q, C.T.copy(), b, EQUALITIES)[0]
         except ValueError as error:
             return Solution(np.zeros(NUM_VARIABLES), False, str(error))
-        return Solution(np.asarray(x), True, "solved")
+        return Solution(np.asarray(x), bool(np.isfinite(x).all()), "solved")
 
 
 _SOLVERS = {"osqp": OsqpSolver, "daqp": DaqpSolver, "quadprog": QuadprogSolver}

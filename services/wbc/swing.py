@@ -35,7 +35,7 @@ class SwingTrajectory:
     Attributes:
         start, end: (3,) sole positions in world [m].
         start_rotation, end_rotation: (3, 3).
-        height: clearance above the higher of start and end [m].
+        height: clearance above the higher of start and end [m]; 0 goes straight across.
         duration: [s].
     """
 
@@ -62,6 +62,10 @@ class SwingTrajectory:
         return np.concatenate((self.end - self.start, turn))
 
     def _height_at(self, time: float) -> tuple[float, float, float]:
+        if self.height == 0.0:
+            s, sd, sdd = minimum_jerk(time / self.duration, self.duration)
+            rise = float(self.end[2] - self.start[2])
+            return float(self.start[2]) + s * rise, sd * rise, sdd * rise
         half = 0.5 * self.duration
         start, end = float(self.start[2]), float(self.end[2])
         apex = max(start, end) + self.height

@@ -31,8 +31,6 @@ CAPTURABLE = 0.75
 """Share of the standing sole within which the DCM can still be stopped on one leg."""
 LOAD_TIME = 0.3
 """To load it again [s]."""
-FIRST_LOAD_TIME = 0.05
-"""To load feet that already carry the robot [s]."""
 
 
 class Takeover:
@@ -133,8 +131,7 @@ class Takeover:
 
     def _load(self, elapsed: float) -> tuple[float, float]:
         if self.raised is None:
-            both = min(1.0, elapsed / FIRST_LOAD_TIME)
-            return both, both
+            return 1.0, 1.0
         landed = min(1.0, max(0.0, (elapsed - self._landing) / LOAD_TIME))
         return (landed, 1.0) if self.raised == 0 else (1.0, landed)
 

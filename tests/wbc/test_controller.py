@@ -229,7 +229,7 @@ def test_setpoints_reach_hands_grippers_and_neck() -> None:
     assert np.array_equal(controller.hands[0].target[0], left)
     assert controller.hands[1].target[0].tolist() == [0.5, -0.3, 0.2]
     assert np.abs(controller.hands[0].target[1] - ahead).max() < 1e-12
-    assert controller.gripper.tolist() == [0.25, 1.0]
+    assert controller.gripper(nominal_state(0, HEIGHT)).tolist() == [0.25, 1.0]
     # The neck's target is kept inside its limit of 1.309 rad.
     _tick(controller, 1)
     assert controller.stack.target[POSTURE][-1] == pytest.approx(100.0 * 1.309)
@@ -284,10 +284,20 @@ def test_standing_still_takes_the_torques_of_statics() -> None:
     assert bench.states[-1].dcm_error < 0.004
 
 
-@pytest.mark.xfail(reason="feet that already carry the robot are loaded from nothing in 50 ms")
 def test_the_first_command_already_carries_the_weight() -> None:
     bench = Bench(WbcConfig(solver="daqp"))
     bench.tick()
     torque = bench.commands[0].torque
     for pair in joints.KNEE_INDICES:
         assert torque[list(pair)].sum() == pytest.approx(-44.0, abs=10.0)
+
+
+def test_grippers_stay_as_found_until_told_otherwise() -> None:
+    controller = Controller(CONFIG)
+    holding = nominal_state(0, HEIGHT).model_copy(update={"gripper_closure": np.array([0.8, 0.0])})
+    assert controller.gripper(holding).tolist() == [0.8, 0.0]
+    # The jaw gives way a little under load; the command must not follow it.
+    slipped = holding.model_copy(update={"gripper_closure": np.array([0.6, 0.1])})
+    assert controller.gripper(slipped).tolist() == [0.8, 0.0]
+    controller.restart()
+    assert controller.gripper(slipped).tolist() == [0.6, 0.1]

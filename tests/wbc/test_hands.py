@@ -131,7 +131,6 @@ def test_a_far_setpoint_is_approached_at_limited_mean_speed(
     assert rate > 0.35 * CONFIG.turn_rate_max or turn == 0.0
 
 
-@pytest.mark.xfail(reason="a segment's length is chosen by its mean speed, not by its peak")
 @pytest.mark.parametrize(("move", "turn"), FAR)
 def test_a_far_setpoint_is_approached_at_limited_speed(move: float, turn: float) -> None:
     speed, rate = _fastest(move, turn, repeat=True)
@@ -139,14 +138,12 @@ def test_a_far_setpoint_is_approached_at_limited_speed(move: float, turn: float)
     assert rate <= CONFIG.turn_rate_max + 1e-9
 
 
-@pytest.mark.xfail(reason="the feed-forward aims beyond the clamped set-point")
 def test_references_stay_in_the_workspace() -> None:
     """But for the few millimetres that braking from 0.4 m/s takes."""
     track = _follow(_hand(), lambda t: _at_x(0.3 + 0.4 * t), 2.0)
     assert max(reference.position[0] for _, reference in track) <= 0.5 + 0.005
 
 
-@pytest.mark.xfail(reason="past its end a segment stands still but still claims its last velocity")
 def test_a_late_setpoint_does_not_halt_the_hand() -> None:
     """Uniform motion, set-points 50, 90, 50 and 80 ms apart."""
     hand, due, late = _hand(), 0.0, cycle((0.05, 0.09, 0.05, 0.08))

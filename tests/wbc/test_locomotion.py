@@ -265,7 +265,6 @@ def test_com_height_is_above_the_soles_wherever_the_ground_is(model: RobotModel)
     assert robot.feet[0][0][2] == pytest.approx(0.3, abs=1e-6)
 
 
-@pytest.mark.xfail(reason="for one tick after a landing the foot's estimate is still the origin")
 def test_com_height_is_steady_on_raised_ground(model: RobotModel) -> None:
     robot = IdealRobot(model, FAST, ground=0.3)
     robot.run(1.1)

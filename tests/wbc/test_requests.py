@@ -41,3 +41,16 @@ def test_old_requests_are_forgotten() -> None:
     assert book.answered(_request(10)) is not None
     # A forgotten one is new again.
     assert book.enter(_request(9)) is not None
+
+
+def test_a_request_in_progress_is_not_forgotten() -> None:
+    book = RequestBook()
+    running = book.enter(_request(7))
+    assert running is not None
+    book.note(Answer(running, Gait.FORWARD, GaitOutcome.ACCEPTED))
+    for k in range(100, 100 + REMEMBERED + 20):
+        number = book.enter(_request(k))
+        assert number is not None
+        book.note(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
+    assert book.enter(_request(7)) is None
+    assert book.request_id(Answer(running, Gait.FORWARD, GaitOutcome.COMPLETED)) == 7

@@ -65,7 +65,6 @@ def test_angle_is_exact_near_half_a_turn(short: float) -> None:
             assert np.abs(vector - expected).max() < 0.01
 
 
-@pytest.mark.xfail(reason="the axis is read off a column that still has its skew part")
 @pytest.mark.parametrize("short", [1e-6, 1e-5, 1e-4, 1e-3, 1.41e-3])
 def test_logarithm_just_below_half_a_turn_gives_the_rotation_back(short: float) -> None:
     _assert_round_trip(short)

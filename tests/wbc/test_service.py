@@ -153,7 +153,6 @@ def test_a_setpoint_counts_once_when_it_arrives() -> None:
     assert not report.setpoint_fresh
 
 
-@pytest.mark.xfail(reason="a set-point that comes with no new state is not looked at again")
 def test_a_setpoint_between_two_states_is_not_lost() -> None:
     desk = Desk()
     desk.state(1000)

@@ -158,18 +158,7 @@ def test_a_qp_without_a_solution_is_reported(name: str, good: QpData) -> None:
     assert np.abs(after.x - before.x).max() < 0.05
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "osqp",
-        *(
-            pytest.param(
-                name, marks=pytest.mark.xfail(reason="the result is not checked for finiteness")
-            )
-            for name in EXACT
-        ),
-    ],
-)
+@pytest.mark.parametrize("name", ["osqp", *EXACT])
 @pytest.mark.parametrize("where", ["q", "P"])
 def test_numbers_that_are_none_are_not_called_a_solution(
     name: str, where: str, good: QpData
