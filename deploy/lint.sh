@@ -4,9 +4,5 @@ set -eu
 cd "$(dirname "$0")/.."
 ruff check .
 ruff format --check .
-mypy common services deploy
-# Test modules of different areas may share a name, so each area is checked by itself.
-for area in tests/*/; do
-    mypy "$area"
-done
+mypy common services deploy studies benchmarks tests
 lint-imports

@@ -24,7 +24,8 @@ from common.topics import (
     WBC_STATE,
 )
 from services.wbc.config import WbcConfig
-from services.wbc.controller import Command, Controller, TickReport, joint_gains
+from services.wbc.controller import Command, Controller, TickReport
+from services.wbc.motors import joint_gains
 from services.wbc.requests import RequestBook
 
 LONGEST_GAP_NS = 120_000_000

@@ -14,8 +14,8 @@ from services.wbc.config import (
     WbcConfig,
     wbc_config,
 )
-from services.wbc.controller import joint_gains
 from services.wbc.errors import SolverUnavailableError
+from services.wbc.motors import joint_gains
 from services.wbc.solvers import make_solver
 
 

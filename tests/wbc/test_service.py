@@ -30,8 +30,8 @@ from common.topics import (
     Topic,
 )
 from services.wbc.config import WbcConfig
-from services.wbc.controller import joint_gains
 from services.wbc.hands import HandReference
+from services.wbc.motors import joint_gains
 from services.wbc.rotations import matrix_from_quaternion
 from services.wbc.service import LONGEST_GAP_NS, WbcService
 
