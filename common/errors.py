@@ -1,4 +1,9 @@
-"""Root of every exception this project raises."""
+"""Root of every exception this project raises, and validation errors in words."""
+
+from pydantic import ValidationError
+
+_LONGEST_VALUE = 60
+"""Characters shown of a refused value."""
 
 
 class TrillError(Exception):
@@ -11,3 +16,27 @@ class SchemaError(TrillError):
 
 class ConfigError(TrillError):
     """A configuration file or option is wrong."""
+
+
+def explain(error: ValidationError) -> str:
+    """Return one line ``key.path: what was expected (got …)`` for each wrong value of ``error``."""
+    return "\n".join(
+        _line(".".join(str(part) for part in item["loc"]), item["type"], item["msg"], item["input"])
+        for item in error.errors(include_url=False, include_context=False)
+    )
+
+
+def _line(path: str, kind: str, message: str, value: object) -> str:
+    """Describe one wrong value; ``path`` is empty if the fault is in the whole table."""
+    if kind == "missing":
+        return f"{path}: not given"
+    if kind == "extra_forbidden":
+        return f"{path}: no such key"
+    # Validators of ours say themselves what they got.
+    text = message.removeprefix("Value error, ")
+    where = f"{path}: " if path else ""
+    if text != message or isinstance(value, dict):
+        return where + text
+    got = repr(value)
+    shown = got if len(got) <= _LONGEST_VALUE else got[:_LONGEST_VALUE] + "…"
+    return f"{where}{text} (got {shown})"
