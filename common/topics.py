@@ -59,7 +59,6 @@ class Topic(Generic[M_co]):
     max_age: float = float("inf")
     delivery: Delivery = Delivery.LATEST
     priority: Priority = Priority.INTERACTIVE
-    logged: bool = True
     per_source: bool = False
     doc: str = ""
 

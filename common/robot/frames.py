@@ -21,7 +21,7 @@ FOOT_FRAMES: Final[Mapping[str, str]] = {"left": "l_foot", "right": "r_foot"}
 HAND_FRAMES: Final[Mapping[str, str]] = {"left": "l_hand", "right": "r_hand"}
 """Sites between the finger pads, oriented as the wrist: hand along -z, fingers opening on y."""
 CAMERAS: Final[Mapping[str, str]] = {"left": "left", "right": "right"}
-"""Stereo pair on the head; the left camera is on the robot's left (+y)."""
+"""Stereo pair on the head; left is +y. The public MJCF has the names the other way round."""
 CAMERA_BASELINE: Final = 0.06
 CAMERA_FOVY_DEG: Final = 120.0
 

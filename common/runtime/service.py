@@ -57,7 +57,7 @@ class Service(ABC):
         exit_code: set by the service itself to end its runner after the current step, whose
             outputs are still published; it becomes the process's exit status. None: run on.
         wanted: tells whether anybody reads a topic of ``writes`` just now, to save costly outputs;
-            set by the live runner. Elsewhere everything is wanted.
+            set by the runner. Without one everything is wanted.
     """
 
     name: str

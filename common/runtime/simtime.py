@@ -75,7 +75,8 @@ class SimTimeRunner:
         self._seed = seed
         self._robot = robot
         self._record = record
-        self._links = links if isinstance(links, Links) else Links.from_table(links or {})
+        names = [service.name for service in services]
+        self._links = links if isinstance(links, Links) else Links.from_table(links or {}, names)
         self._now = 0
         self.log: list[RawSample] = []
         """Every message so far, if recording."""
@@ -85,7 +86,7 @@ class SimTimeRunner:
         if len(self._hosts) != len(services) or unknown:
             raise TrillError(
                 f"expected services of different names and offsets of these only; got "
-                f"{[service.name for service in services]} and offsets of {sorted(offsets)}"
+                f"{names} and offsets of {sorted(offsets)}"
             )
         self._readers: dict[str, list[_Host]] = {}
         self._taps: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
@@ -214,7 +215,7 @@ class SimTimeRunner:
         """Encode once and hand to every reader but the sender; nothing if there is none."""
         readers = self._readers.get(topic.name, ())
         taps = self._taps.get(topic.name, ())
-        if not (readers or taps or self._record or self._raw_listeners):
+        if not self._wanted(topic):
             stamper.count += 1
             return
         payload = encode_fields(message, stamper.next(message))
@@ -232,9 +233,17 @@ class SimTimeRunner:
         for tap in taps:
             tap(decode(payload, topic.schema))
 
+    def _wanted(self, topic: Topic[Any]) -> bool:
+        """Whether anything would come of a message of ``topic``."""
+        name = topic.name
+        return bool(
+            self._record or self._raw_listeners or self._readers.get(name) or self._taps.get(name)
+        )
+
     def _start(self, host: _Host) -> None:
         """Give a service a new life: inbox, boot id, counters."""
         service = host.service
+        service.wanted = self._wanted
         host.lives += 1
         host.inbox = Inbox(service.reads, service=service.name, links=self._links, seed=self._seed)
         host.stampers = {t.name: self._stamper(service.name, host.lives) for t in service.writes}

@@ -72,7 +72,7 @@ class PlantService(Service):
         if self._state_due:
             self._state_due = False
             outputs.append(Output(PLANT_STATE, plant.measured()))
-        if self._truth_due.due(now_ns):
+        if self._truth_due.due(now_ns) and self.wanted(PLANT_TRUTH):
             outputs.append(Output(PLANT_TRUTH, plant.truth()))
         if self._status_due.due(now_ns):
             outputs.append(Output(PLANT_STATUS, self._status(now_ns)))

@@ -1,4 +1,4 @@
-"""Configuration of the whole-body controller; every number has its unit and its reason.
+"""Configuration of the whole-body controller.
 
 Gains and weights are those of a DRACO 3 walking study on this controller: softer than the public
 TRILL values (CoM 400/20, hands 400/60), which lose their margin beyond 10 ms of loop delay.
@@ -7,6 +7,8 @@ TRILL values (CoM 400/20, hands 400/60), which lose their margin beyond 10 ms of
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+from common.robot.frames import FOOT_SUPPORT_HALF_SIZE
 
 
 class _Config(BaseModel):
@@ -30,7 +32,9 @@ class TaskConfig(_Config):
     torso: Gains = Gains(kp=100.0, kd=20.0)
     hand_position: Gains = Gains(kp=200.0, kd=28.0)
     hand_rotation: Gains = Gains(kp=150.0, kd=24.0)
-    hand_weight_balancing: float = 20.0
+    hand_weight_balancing: float = Field(
+        default=20.0, description="raised while balancing, as the paper says; not in its code"
+    )
     hand_weight_walking: float = 10.0
     hand_rotation_share: float = Field(default=0.5, description="rotation weight / position weight")
     hand_weight_ramp: float = Field(default=0.5, gt=0.0, description="time from one to other [s]")
@@ -56,8 +60,10 @@ class ContactConfig(_Config):
     friction: float = Field(
         default=0.3, gt=0.0, description="assumed by the cone, below the floor's"
     )
-    half_length: float = Field(default=0.115, gt=0.0, description="support polygon along x [m]")
-    half_width: float = Field(default=0.065, gt=0.0, description="along y [m]")
+    half_length: float = Field(
+        default=FOOT_SUPPORT_HALF_SIZE[0], gt=0.0, description="support polygon along x [m]"
+    )
+    half_width: float = Field(default=FOOT_SUPPORT_HALF_SIZE[1], gt=0.0, description="along y [m]")
     normal_force_max: float = Field(default=1000.0, gt=0.0, description="of a loaded foot [N]")
 
 

@@ -8,7 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from common.robot import joints
-from common.schemas import Gait, PlantState, Setpoint
+from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.body import BodyReference
 from services.wbc.config import WbcConfig
@@ -36,7 +36,7 @@ TORQUE_SHARE = joints.MOTOR_TO_JOINT / joints.MOTOR_TO_JOINT.sum(axis=0)
 """(27, 25): by virtual work each hinge of a knee gets half of what its coordinate carries."""
 MAX_DUMPS = 20
 """Unsolved QPs written to disk per controller life."""
-TORQUE_DECAY = 0.9
+ACCELERATION_DECAY = 0.9
 """Per tick, of the acceleration of a command that is repeated for want of a new one."""
 
 
@@ -194,7 +194,7 @@ class Controller:
 
     def _hand_tasks(self, hands: tuple[FrameKinematics, FrameKinematics], time: float) -> None:
         tasks = self.config.tasks
-        balancing = self.locomotion.gait == 0 and self.locomotion.state != 0
+        balancing = self.locomotion.state is ControlState.BALANCE
         goal = tasks.hand_weight_balancing if balancing else tasks.hand_weight_walking
         span = abs(tasks.hand_weight_balancing - tasks.hand_weight_walking)
         step = span / (tasks.hand_weight_ramp * self.config.rate)
@@ -246,7 +246,7 @@ class Controller:
             return dynamics.bias_force[6:].copy(), np.zeros(NV - 6)
         command, torque = self._last
         motors = list(joints.MOTOR_POSITION_INDEX)
-        return torque, TORQUE_DECAY * command.acceleration[motors]
+        return torque, ACCELERATION_DECAY * command.acceleration[motors]
 
     def _dump(self, data: QpData, solution: Solution) -> None:
         directory = self.config.qp_dump_dir

@@ -1,7 +1,8 @@
 """Hand references: clamped set-points joined at controller rate with velocity feed-forward.
 
 Set-points arrive at about 20 Hz. Each becomes a cubic Hermite segment that starts at the present
-reference (position and velocity) and ends one set-point period later where the operator will be
+reference (position and velocity) and ends one set-point period later (later still if a speed
+limit says so) where the operator will be
 if the motion goes on: at the set-point plus the velocity read off the last two. A steady motion
 is thus followed without lag; a stop costs one period's overshoot. When set-points cease, the
 reference comes to rest at the last one and holds.
@@ -31,7 +32,7 @@ def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
 
 
 class _Segment:
-    """Cubic in position and, about a base rotation, in rotation vector; at rest or not at its ends.
+    """Cubic in position and, about a base rotation, in rotation vector.
 
     Args:
         start: time it begins [s].

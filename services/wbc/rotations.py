@@ -23,15 +23,6 @@ def matrix_from_quaternion(quaternion: Array) -> Array:
     )
 
 
-def quaternion_from_matrix(matrix: Array) -> Array:
-    """Quaternion (w, x, y, z), w >= 0, of a rotation matrix (3, 3)."""
-    vector = rotation_vector(matrix)
-    angle = sqrt(float(vector @ vector))
-    if angle < 1e-12:
-        return np.array([1.0, *(0.5 * vector)])
-    return np.array([cos(0.5 * angle), *(sin(0.5 * angle) / angle * vector)])
-
-
 def rotation_vector(matrix: Array) -> Array:
     """Logarithm of a rotation matrix: axis times angle in [0, pi] [rad]."""
     (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()

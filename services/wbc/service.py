@@ -36,8 +36,8 @@ _LOG = logging.getLogger(__name__)
 class WbcService(Service):
     """Whole-body controller, ticking at ``config.rate`` and phase-locked to the plant's state.
 
-    A reset of the plant or a long silence starts a fresh controller, as does a restart of this
-    process: it takes over from the measured posture. The gait in progress is answered ABORTED.
+    After a reset of the plant or a long silence, as after a restart of this process, it forgets
+    its plans and takes over from the measured posture. The gait in progress is answered ABORTED.
     """
 
     name = "wbc"

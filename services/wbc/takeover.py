@@ -1,8 +1,9 @@
 """Taking the robot over in whatever stance it is found: put a raised foot down, then stand up.
 
 A controller that starts, or restarts after a silence, may find the robot held on one leg in the
-middle of a step. It lowers the raised foot straight down while the CoM stays over the other, and
-only then moves the CoM between the feet.
+middle of a step. It brings the CoM over the standing foot and lowers the raised one straight
+down; if the robot is tipping over already, it lowers the foot at once. Only then does the CoM
+move between the feet.
 """
 
 import numpy as np
@@ -30,7 +31,7 @@ URGENT_LOWER_TIME = 0.25
 CAPTURABLE = 0.75
 """Share of the standing sole within which the DCM can still be stopped on one leg."""
 LOAD_TIME = 0.3
-"""To load it again [s]."""
+"""To load the landed foot again [s]."""
 
 
 class Takeover:

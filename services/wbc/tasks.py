@@ -71,7 +71,7 @@ class TaskStack:
         self.jacobian = np.zeros((NUM_ROWS, NV))
         self.target = np.zeros(NUM_ROWS)
         self.weight = np.zeros(NUM_ROWS)
-        # Torso rotation rows wait for R; posture rows pick the 13 upper-body coordinates.
+        # Posture rows pick the 13 upper-body coordinates; all other rows change every tick.
         self.jacobian[POSTURE, NV - 13 :] = np.eye(13)
 
     def put(self, rows: slice, jacobian: Array, target: Array, weight: float | Array) -> None:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -193,8 +192,3 @@ def commanded_travel(gaits: Sequence[Gait], config: WbcConfig) -> tuple[float, f
     moves = [gait_displacement(gait, config.gait) for gait in gaits]
     distance = sum(float(np.hypot(forward, left)) for forward, left, _ in moves)
     return distance, sum(abs(turn) for _, _, turn in moves)
-
-
-def path_length(points: Sequence[Array]) -> float:
-    """Length of a polyline [m]."""
-    return sum(float(np.linalg.norm(b - a)) for a, b in pairwise(points))
