@@ -9,6 +9,7 @@ from deploy.launch import Ended, Running, Verdict, running_system
 from deploy.monitor import TICK, Screen, Watch
 from deploy.process import Exit
 from deploy.system import OPERATOR, SystemOptions, scripted_operator
+from services.teleop.library import ScriptOptions, script_named
 
 FALL_AFTERMATH = 1.0
 """How long a fall is watched before everything stops [s]."""
@@ -100,9 +101,11 @@ def run_demo(options: DemoOptions) -> Ended:
     """Start everything, watch until the verdict, stop everything.
 
     Raises:
+        ConfigError: there is no such script, or the bus configuration is wrong.
         DeployError: the system cannot be started.
         BusError: the live table cannot reach the bus.
     """
+    script_named(options.script, ScriptOptions())
     verdict = Verdict("interrupted", "stopped from outside")
     operator = scripted_operator(options.script)
     with running_system(options.system, options.base_port, [operator]) as running:

@@ -61,9 +61,10 @@ def running_system(
         DeployError: the system cannot be started.
         ConfigError: the bus configuration is wrong.
     """
-    run_dir = new_run_dir()
     known = bus_of(base_port, options.config)
     with reserve_base_port(known.host, base_port) as port:
+        # Not before, so that a wrong option leaves no empty directory.
+        run_dir = new_run_dir()
         supervisor = Supervisor(
             [*robot_processes(options, run_dir), *operators],
             run_dir / "logs",

@@ -14,13 +14,13 @@ service behind a router or a firewall therefore has to use ``mode="client"``.
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from common.errors import ConfigError
+from common.errors import ConfigError, explain
 from common.tables import overlaid
 
 DEFAULT_BASE_PORT = 7448
@@ -38,6 +38,9 @@ PORT_OFFSETS: Mapping[str, int] = {
     "keyboard": 9,
 }
 """Known services; each listens on the base port plus its offset."""
+
+SHARED_TABLES = ("bus", "links", "runtime")
+"""Tables of a configuration file that are for every service."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)]
 """A robot's or a service's name: one chunk of a key expression."""
@@ -157,19 +160,32 @@ class BusConfig(BaseModel):
         return f"tcp/{self.host}:{port}"
 
 
-def read_config_file(path: Path) -> dict[str, Any]:
-    """Read a TOML file of tables.
+def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
+    """Read a TOML file of tables: :data:`SHARED_TABLES` and one for each service.
+
+    Args:
+        path: the file.
+        also: services that may have a table though :data:`PORT_OFFSETS` does not name them.
 
     Raises:
-        ConfigError: the file cannot be read or is not TOML.
+        ConfigError: the file cannot be read, is not TOML, or holds anything but known tables.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ConfigError(
             f"cannot read the configuration {path}: {error}; expected a TOML file with tables such "
             "as [bus], [links] and [runtime]"
         ) from error
+    known = {*SHARED_TABLES, *PORT_OFFSETS, *also}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise ConfigError(f"{path}: expected only tables, got {key!r} outside of any")
+        if key not in known:
+            raise ConfigError(
+                f"{path}: no table [{key}]; expected one of {', '.join(sorted(known))}"
+            )
+    return tables
 
 
 _ENVIRONMENT = {
@@ -208,7 +224,7 @@ def bus_config(
     try:
         return BusConfig.model_validate(values)
     except ValidationError as error:
-        raise ConfigError(f"the bus configuration is wrong: {error}") from error
+        raise ConfigError(f"the bus configuration is wrong: {explain(error)}") from error
 
 
 def split_list(text: str) -> tuple[str, ...]:

@@ -7,8 +7,9 @@ from typing import Any, Self
 
 from pydantic import ValidationError
 
+from common.bus.config import PORT_OFFSETS
 from common.bus.linkspec import LinkSpec
-from common.errors import ConfigError
+from common.errors import ConfigError, explain
 from common.topics import ALL_TOPICS
 
 
@@ -19,16 +20,27 @@ class Links:
     table: Mapping[str, LinkSpec] = field(default_factory=dict)
 
     @classmethod
-    def from_table(cls, table: Mapping[str, Any]) -> Self:
+    def from_table(cls, table: Mapping[str, Any], also: Iterable[str] = ()) -> Self:
         """Check a mapping of ``[service:]topic`` to a specification (string, table or object).
 
+        Args:
+            table: the links.
+            also: services that may be named though
+                :data:`~common.bus.config.PORT_OFFSETS` does not name them.
+
         Raises:
-            ConfigError: a topic is unknown or a specification is wrong.
+            ConfigError: a service or topic is unknown or a specification is wrong.
         """
+        services = {*PORT_OFFSETS, *also}
         known = {topic.name for topic in ALL_TOPICS}
         specs = {}
         for key, value in table.items():
-            topic = key.rpartition(":")[2]
+            service, separator, topic = key.rpartition(":")
+            if separator and service not in services:
+                raise ConfigError(
+                    f"link {key!r}: no service {service!r}; expected one of "
+                    f"{', '.join(sorted(services))}"
+                )
             if topic not in known:
                 raise ConfigError(
                     f"link {key!r}: no topic {topic!r}; expected '[service:]topic' with one of "
@@ -37,15 +49,10 @@ class Links:
             try:
                 specs[key] = LinkSpec.model_validate(value)
             except ValidationError as error:
+                raise ConfigError(f"link {key!r} is wrong: {explain(error)}") from error
+            except ConfigError as error:
                 raise ConfigError(f"link {key!r} is wrong: {error}") from error
         return cls(specs)
-
-    def merged(self, *others: Mapping[str, Any]) -> "Links":
-        """Return these links with ``others`` over them; the last one wins."""
-        table: dict[str, Any] = dict(self.table)
-        for other in others:
-            table |= other
-        return Links.from_table(table)
 
     def of(self, service: str, topic: str) -> LinkSpec | None:
         """The delay on ``topic`` towards ``service``; None if there is none."""

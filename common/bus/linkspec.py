@@ -16,7 +16,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from common.errors import ConfigError
+from common.errors import ConfigError, explain
 
 MAX_DELAY = 60.0
 """Longest delay accepted [s]."""
@@ -70,7 +70,9 @@ class LinkSpec(BaseModel):
         try:
             return cls.model_validate(_values(text))
         except ValidationError as error:
-            raise ConfigError(f"link specification {text!r} is wrong: {error}; {_HELP}") from error
+            raise ConfigError(
+                f"link specification {text!r} is wrong: {explain(error)}; {_HELP}"
+            ) from error
 
     @model_validator(mode="before")
     @classmethod

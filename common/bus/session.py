@@ -41,7 +41,8 @@ def open_session(
         try:
             return zenoh.open(zenoh.Config.from_json5(text))
         except zenoh.ZError as error:
-            if time.monotonic() >= give_up or stopping():
+            hopeless = _is_malformed(str(error))
+            if hopeless or time.monotonic() >= give_up or stopping():
                 raise BusError(_open_error(config, service, str(error))) from error
         time.sleep(1e-3 * config.retry_max_ms)
 
@@ -50,16 +51,33 @@ def _open_error(config: BusConfig, service: str, text: str) -> str:
     """Say what was tried and how to mend it."""
     # What follows are places in the transport's sources, one per layer.
     reason = text.partition(" at /")[0].strip()
+    if _is_malformed(reason):
+        return f"{service} cannot open the bus: {reason}; {_ENDPOINT_HELP}"
     if config.mode == "client":
         return (
             f"{service} cannot reach the bus as a client of "
             f"{', '.join(config.connect_endpoints(service))}: {reason}; expected a router there, "
             "with the same protocol and credentials"
         )
-    return (
+    text = (
         f"{service} cannot open the bus as {config.mode} listening on "
-        f"{', '.join(config.listen_endpoints(service)) or 'nothing'}: {reason}; expected free "
-        "ports (is another stack running? choose another base port)"
+        f"{', '.join(config.listen_endpoints(service)) or 'nothing'}: {reason}"
+    )
+    if "address already in use" in reason.lower():
+        return f"{text}; expected free ports (is another stack running? choose another base port)"
+    if "failed to lookup address" in reason:
+        return f"{text}; the host's name cannot be resolved: mend it or give the address"
+    return text
+
+
+_ENDPOINT_HELP = "expected an endpoint such as tcp/127.0.0.1:7448 (protocol/host:port)"
+
+
+def _is_malformed(reason: str) -> bool:
+    """Whether the transport could not even read an endpoint."""
+    return any(
+        sign in reason
+        for sign in ("Endpoints must be of the form", "invalid port value", "not supported for")
     )
 
 

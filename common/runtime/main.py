@@ -1,9 +1,10 @@
 """What every ``python -m services.<name>`` shares: arguments, configuration file, the runner.
 
-A service's ``__main__`` is three lines::
+A service's ``__main__`` hands :func:`run_live` a function that builds the service from its parsed
+arguments::
 
-    from common.runtime.main import run_live
-    from services.wbc.service import build  # (Namespace) -> Service
+    def build(arguments: Namespace) -> Service:
+        return WbcService(WbcConfig.model_validate(arguments.settings))
 
     raise SystemExit(run_live(build, "wbc"))
 
@@ -23,47 +24,88 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from common.bus.config import BusConfig, bus_config, read_config_file, split_list
+from common.bus.config import DEFAULT_BASE_PORT, BusConfig, bus_config, read_config_file, split_list
 from common.bus.links import Links, parse_link_options
-from common.errors import ConfigError, TrillError
+from common.errors import ConfigError, TrillError, explain
 from common.runtime.live import LiveRunner, RuntimeConfig
-from common.runtime.realtime import enter_realtime
+from common.runtime.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.runtime.service import Service
 
 ServiceFactory = Callable[[argparse.Namespace], Service]
 """Builds a service from its parsed arguments (``arguments.settings``: its table in the file)."""
 
 
-def argument_parser(name: str, description: str | None = None) -> argparse.ArgumentParser:
+class OptionFormatter(argparse.ArgumentDefaultsHelpFormatter):
+    """Shows the defaults that say something: not None, nothing or "no"."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        default = action.default
+        if default is None or default is False or default in ("", []):
+            return action.help
+        return super()._get_help_string(action)
+
+
+def argument_parser(
+    name: str,
+    description: str | None = None,
+    *,
+    background: bool = False,
+    delayable: bool = True,
+) -> argparse.ArgumentParser:
     """Return a parser with the options every service understands.
 
     Args:
         name: the service's name.
         description: one line for ``--help``.
+        background: the service may be late and so takes no real-time scheduling unless an option
+            says so, whatever file and environment say.
+        delayable: its inputs can be delayed.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m services.{name}",
         description=description,
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=OptionFormatter,
     )
     group = parser.add_argument_group("bus and runtime")
     group.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
-    group.add_argument("--robot", help="first part of every key [TRILL_ROBOT]")
-    group.add_argument("--mode", choices=["peer", "client", "router"], help="[TRILL_MODE]")
-    group.add_argument("--host", help="address of the port table [TRILL_HOST]")
-    group.add_argument("--base-port", type=int, help="first port of the table [TRILL_BASE_PORT]")
-    group.add_argument("--connect", type=split_list, help="endpoints, by commas [TRILL_CONNECT]")
-    group.add_argument("--listen", type=split_list, help="endpoints, by commas [TRILL_LISTEN]")
+    group.add_argument("--robot", help="first part of every key (default: draco3) [TRILL_ROBOT]")
     group.add_argument(
-        "--link",
-        action="append",
-        default=[],
-        metavar="[SERVICE:]TOPIC=SPEC",
-        help="delay an input, e.g. 'camera/left=normal(122ms, 190ms) loss=1%%' [TRILL_LINKS]",
+        "--mode",
+        choices=["peer", "client", "router"],
+        help="peer (default): connects to the other services directly; client: reaches them "
+        "through a router, for instance across a firewall; router: passes on for clients "
+        "[TRILL_MODE]",
+    )
+    group.add_argument("--host", help="address of the port table (default: 127.0.0.1) [TRILL_HOST]")
+    group.add_argument(
+        "--base-port",
+        type=int,
+        help=f"first port of the table (default: {DEFAULT_BASE_PORT}) [TRILL_BASE_PORT]",
     )
     group.add_argument(
-        "--rt-priority", type=int, help="SCHED_FIFO priority, 0 for none [TRILL_RT_PRIORITY]"
+        "--connect",
+        type=split_list,
+        help="endpoints, by commas (default: those of the port table) [TRILL_CONNECT]",
     )
+    group.add_argument(
+        "--listen",
+        type=split_list,
+        help="endpoints, by commas (default: its own in the port table) [TRILL_LISTEN]",
+    )
+    if delayable:
+        group.add_argument(
+            "--link",
+            action="append",
+            metavar="[SERVICE:]TOPIC=SPEC",
+            help="delay an input, e.g. 'camera/left=normal(122ms, 190ms) loss=1%%' [TRILL_LINKS]",
+        )
+    parser.set_defaults(link=[])
+    if background:
+        priority = "SCHED_FIFO priority, 0 for none; only this option counts"
+    else:
+        priority = f"SCHED_FIFO priority, 0: none (default: {DEFAULT_PRIORITY}) [TRILL_RT_PRIORITY]"
+    group.add_argument("--rt-priority", type=int, help=priority)
+    parser.set_defaults(rt_priority=0 if background else None)
     return parser
 
 
@@ -80,10 +122,7 @@ def load_settings(
     """
     environment = os.environ if environment is None else environment
     path = arguments.config or environment.get("TRILL_CONFIG")
-    tables = read_config_file(Path(path)) if path else {}
-    for key, table in tables.items():
-        if not isinstance(table, dict):
-            raise ConfigError(f"{path}: expected only tables, got {key!r} outside of any")
+    tables = read_config_file(Path(path), also=[name]) if path else {}
     bus = bus_config(
         tables.get("bus"),
         {
@@ -93,8 +132,9 @@ def load_settings(
         environment,
     )
     variable = [part for part in environment.get("TRILL_LINKS", "").split(";") if part.strip()]
-    links = Links.from_table(tables.get("links", {})).merged(
-        parse_link_options(variable), parse_link_options(arguments.link)
+    links = Links.from_table(
+        tables.get("links", {}) | parse_link_options(variable) | parse_link_options(arguments.link),
+        also=[name],
     )
     runtime_values = dict(tables.get("runtime", {}))
     priority = environment.get("TRILL_RT_PRIORITY") or None
@@ -105,7 +145,7 @@ def load_settings(
     try:
         runtime = RuntimeConfig.model_validate(runtime_values)
     except ValidationError as error:
-        raise ConfigError(f"the runtime configuration is wrong: {error}") from error
+        raise ConfigError(f"the runtime configuration is wrong: {explain(error)}") from error
     return bus, links, runtime, tables.get(name, {})
 
 
@@ -116,6 +156,7 @@ def run_live(
     *,
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None,
     description: str | None = None,
+    background: bool = False,
 ) -> int:
     """Parse the arguments, build the service and run it live until a signal or an error.
 
@@ -126,12 +167,13 @@ def run_live(
         argv: arguments without the program's name; None takes the process's own.
         add_arguments: adds the service's own options to the parser.
         description: one line for ``--help``.
+        background: see :func:`argument_parser`.
 
     Returns:
         exit code: 0 after a signal, 1 after an error, 2 for a wrong configuration.
     """
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
-    parser = argument_parser(name, description)
+    parser = argument_parser(name, description, background=background)
     if add_arguments is not None:
         add_arguments(parser)
     arguments = parser.parse_args(argv)

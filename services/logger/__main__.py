@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from common.errors import ConfigError, TrillError
+from common.errors import ConfigError, TrillError, explain
 from common.runtime.main import argument_parser, load_settings
 from common.runtime.realtime import enter_realtime
 from services.logger.config import LoggerConfig
@@ -26,6 +26,10 @@ def parser() -> argparse.ArgumentParser:
         "Record every message on the robot's bus to one MCAP file, as the very bytes that were "
         "sent, until Ctrl-C. Prints how many messages of each topic were recorded, dropped and "
         "missing. A killed logger loses less than a second; the file stays readable.",
+        # Recording must never take the processor from the control loop, and records every message
+        # when it arrives.
+        background=True,
+        delayable=False,
     )
     result.add_argument(
         "--out",
@@ -43,17 +47,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     stopper = Stopper()
     try:
-        # Recording must never take the processor from the control loop: it asks for no priority
-        # unless told to.
-        if arguments.rt_priority is None:
-            arguments.rt_priority = 0
         bus, _, runtime, settings = load_settings(arguments, LoggerService.name)
         if arguments.compression is not None:
             settings = {**settings, "compression": arguments.compression}
         try:
             config = LoggerConfig.model_validate(settings)
         except ValidationError as error:
-            raise ConfigError(f"the logger's configuration is wrong: {error}") from error
+            raise ConfigError(f"the logger's configuration is wrong: {explain(error)}") from error
         realtime = enter_realtime(runtime.rt_priority)
         report, lost = record(bus, next_part(arguments.out / FILE_NAME), config, stopper, realtime)
     except ConfigError as error:

@@ -134,6 +134,7 @@ class CameraService(Service):
 
 
 def _add_arguments(parser: ArgumentParser) -> None:
+    parser.prog = "python -m services.sim.cameras"
     group = parser.add_argument_group("pictures", argument_default=SUPPRESS)
     group.add_argument("--scene", choices=sorted(SCENES), help="the plant's scene (flat)")
     group.add_argument("--width", type=int, help="pixels (400)")
@@ -153,10 +154,13 @@ def _build(arguments: Namespace) -> CameraService:
 
 def main() -> int:
     """Run the cameras until a signal."""
-    # First, so that an explicit option still wins: pictures never ask for real-time scheduling.
-    argv = ["--rt-priority", "0", *sys.argv[1:]]
     return run_live(
-        _build, CameraService.name, argv, add_arguments=_add_arguments, description=DESCRIPTION
+        _build,
+        CameraService.name,
+        sys.argv[1:],
+        add_arguments=_add_arguments,
+        description=DESCRIPTION,
+        background=True,
     )
 
 

@@ -6,7 +6,7 @@ from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from common.errors import ConfigError
+from common.errors import ConfigError, explain
 
 PHYSICS_RATE = 1000
 """Physics and servo steps per second of robot time [1/s]."""
@@ -137,4 +137,6 @@ def validated(schema: type[C], *tables: Mapping[str, Any]) -> C:
     try:
         return schema.model_validate(merged)
     except ValidationError as error:
-        raise ConfigError(f"the configuration of {schema.__name__} is wrong: {error}") from error
+        raise ConfigError(
+            f"the configuration of {schema.__name__} is wrong: {explain(error)}"
+        ) from error

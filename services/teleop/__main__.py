@@ -4,20 +4,19 @@ import argparse
 import signal
 import sys
 from collections.abc import Callable
-from pathlib import Path
 from types import FrameType
 from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from common.errors import ConfigError
-from common.runtime.main import run_live
+from common.errors import ConfigError, explain
+from common.runtime.main import OptionFormatter, run_live
 from common.schemas import Gait
 from services.teleop.console import KeyboardConfig
 from services.teleop.keyboard import KeyboardOperator
-from services.teleop.library import SCRIPTS, ScriptOptions
+from services.teleop.library import SCRIPTS, ScriptOptions, script_named
 from services.teleop.screen import help_lines
-from services.teleop.script import GAIT_NAMES, Script, load_script
+from services.teleop.script import GAIT_NAMES
 from services.teleop.scripted import ScriptedConfig, ScriptedOperator
 from services.teleop.terminal import Terminal
 
@@ -43,8 +42,9 @@ SCRIPTED_EXAMPLES = """examples:
   python -m services.teleop scripted --script random --count 20 --seed 3
   python -m services.teleop scripted --script wave.json
 
-A script file is a list of steps; hand positions are in metres in the body frame (torso_link, x
-forward, y left, z up), rotations are roll, pitch, yaw in radians from a hand pointing ahead:
+A script file is an object with a "name" and a list of "steps"; hand positions are in metres in the
+body frame (torso_link, x forward, y left, z up), rotations are roll, pitch, yaw in radians from a
+hand pointing ahead:
 
   {"name": "wave", "steps": [
     {"do": "move", "left": {"position": [0.42, 0.22, 0.2], "rotation": [0, 0, 0]}, "duration": 2},
@@ -61,7 +61,7 @@ is running this operator only watches, and takes over when it ends."""
 M = TypeVar("M", bound=BaseModel)
 
 
-class _Formatter(argparse.ArgumentDefaultsHelpFormatter, argparse.RawDescriptionHelpFormatter):
+class _Formatter(OptionFormatter, argparse.RawDescriptionHelpFormatter):
     """Shows defaults and leaves the examples as they are."""
 
 
@@ -107,31 +107,21 @@ def _settings(model: type[M], arguments: argparse.Namespace, table: str) -> M:
     try:
         return model.model_validate(arguments.settings)
     except ValidationError as error:
-        raise ConfigError(f"the [{table}] table of the configuration is wrong: {error}") from error
+        raise ConfigError(
+            f"the [{table}] table of the configuration is wrong: {explain(error)}"
+        ) from error
 
 
 def build_scripted(arguments: argparse.Namespace) -> ScriptedOperator:
     """Build the scripted operator; its table in the configuration file is ``[teleop]``.
 
     Raises:
-        ConfigError: the table is wrong.
-        ScriptError: the script cannot be read.
+        ConfigError: the table is wrong, or the script cannot be read.
     """
     config = _settings(ScriptedConfig, arguments, "teleop")
-    return ScriptedOperator(_script(arguments), config)
-
-
-def _script(arguments: argparse.Namespace) -> Script:
-    build = SCRIPTS.get(arguments.script)
-    if build is not None:
-        gait = Gait[arguments.gait.upper()]
-        return build(ScriptOptions(gait, arguments.count, arguments.seed, arguments.seconds))
-    path = Path(arguments.script)
-    if path.suffix != ".json":
-        raise ConfigError(
-            f"--script: expected {', '.join(SCRIPTS)} or a .json file, got {arguments.script!r}"
-        )
-    return load_script(path)
+    gait = Gait[arguments.gait.upper()]
+    options = ScriptOptions(gait, arguments.count, arguments.seed, arguments.seconds)
+    return ScriptedOperator(script_named(arguments.script, options), config)
 
 
 def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:

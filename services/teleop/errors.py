@@ -8,7 +8,7 @@ class TeleopError(TrillError):
 
 
 class ScriptError(TeleopError):
-    """A script cannot be read, or cannot go on; the message is the reason shown to the user."""
+    """A script cannot go on; the message is the reason shown to the user."""
 
 
 class TerminalError(TeleopError):

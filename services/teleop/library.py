@@ -3,8 +3,10 @@
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Literal
 
+from common.errors import ConfigError
 from common.schemas import Gait
 from services.teleop.hand import HOME_POSITION
 from services.teleop.script import (
@@ -19,6 +21,7 @@ from services.teleop.script import (
     Together,
     Wait,
     Walk,
+    load_script,
 )
 
 HOME: Final = HandPose(position=HOME_POSITION)
@@ -181,3 +184,18 @@ SCRIPTS: Final[dict[str, Callable[[ScriptOptions], Script]]] = {
     "random": random_walk,
 }
 """Built-in scripts by name."""
+
+
+def script_named(name: str, options: ScriptOptions) -> Script:
+    """The built-in script ``name``, or the one in the JSON file of that path.
+
+    Raises:
+        ConfigError: there is no such script, or the file is not one.
+    """
+    build = SCRIPTS.get(name)
+    if build is not None:
+        return build(options)
+    path = Path(name)
+    if path.suffix != ".json":
+        raise ConfigError(f"--script: expected {', '.join(SCRIPTS)} or a .json file, got {name!r}")
+    return load_script(path)

@@ -26,8 +26,8 @@ from pydantic import (
     model_validator,
 )
 
+from common.errors import ConfigError, explain
 from common.schemas import Gait
-from services.teleop.errors import ScriptError
 from services.teleop.hand import TargetLimits, hand_quaternion
 from services.teleop.rotations import Array
 
@@ -211,14 +211,14 @@ def load_script(path: Path) -> Script:
     """Read a script from a JSON file.
 
     Raises:
-        ScriptError: the file cannot be read or does not fit.
+        ConfigError: the file cannot be read or does not fit.
     """
     try:
         return Script.model_validate_json(path.read_bytes())
     except OSError as error:
-        raise ScriptError(f"cannot read the script {path}: {error.strerror}") from error
+        raise ConfigError(f"cannot read the script {path}: {error.strerror}") from error
     except ValidationError as error:
-        raise ScriptError(f"the script {path} is wrong: {error}") from error
+        raise ConfigError(f"the script {path} is wrong: {explain(error)}") from error
 
 
 def axis_vector(axis: Literal["x", "y", "z"]) -> Array:

@@ -116,6 +116,25 @@ def test_config_file(tmp_path: Path) -> None:
         read_config_file(tmp_path / "missing.toml")
 
 
+def test_only_known_tables_are_taken(tmp_path: Path) -> None:
+    path = tmp_path / "stack.toml"
+    path.write_text("[wcb]\nrate = 200\n")
+    with pytest.raises(ConfigError, match=r"stack\.toml: no table \[wcb\]; .*runtime.*sim.*wbc"):
+        read_config_file(path)
+    assert read_config_file(path, also=["wcb"]) == {"wcb": {"rate": 200}}
+
+
+def test_wrong_values_are_told_in_a_line_each() -> None:
+    with pytest.raises(ConfigError) as caught:
+        bus_config({"base_port": 3, "zenoh": [], "speed": 1}, {}, {})
+    assert str(caught.value).splitlines() == [
+        "the bus configuration is wrong: base_port: Input should be greater than or equal to 1024 "
+        "(got 3)",
+        "zenoh: Input should be a valid dictionary (got [])",
+        "speed: no such key",
+    ]
+
+
 def test_lists_are_split_at_commas() -> None:
     assert split_list(" a, b,,c ") == ("a", "b", "c")
     assert split_list("") == ()

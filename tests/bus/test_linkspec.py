@@ -106,12 +106,10 @@ def test_links_for_all_consumers_and_for_one() -> None:
     assert links.of("wbc", "estop") is None
 
 
-def test_later_links_win() -> None:
-    links = Links.from_table({"plant/state": "5ms", "estop": "1ms"}).merged(
-        parse_link_options(["plant/state=normal(9ms, 1ms) loss=2%"])
-    )
-    assert str(links.of("wbc", "plant/state")) == "normal(9ms, 1ms) loss=2%"
-    assert str(links.of("wbc", "estop")) == "1ms"
+def test_services_outside_the_port_table_have_to_be_announced() -> None:
+    with pytest.raises(ConfigError, match="no service 'second'"):
+        Links.from_table({"second:estop": "5ms"})
+    assert Links.from_table({"second:estop": "5ms"}, also=["second"]).of("second", "estop")
 
 
 @pytest.mark.parametrize(
@@ -121,7 +119,9 @@ def test_later_links_win() -> None:
         ({"wbc:nothing": "5ms"}, "no topic 'nothing'"),
         ({"estop": 5}, "'estop' is wrong"),
         ({"estop": {"mean": -1}}, "'estop' is wrong"),
-        ({"estop": "soon"}, "soon"),
+        ({"estop": "soon"}, "'estop' is wrong: 'soon' is not a duration"),
+        ({"wcb:estop": "5ms"}, "'wcb:estop': no service 'wcb'.*teleop, wbc"),
+        ({":estop": "5ms"}, "no service ''"),
     ],
 )
 def test_wrong_links_are_refused(table: dict[str, Any], text: str) -> None:

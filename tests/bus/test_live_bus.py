@@ -214,6 +214,23 @@ def test_taken_port_is_an_error_that_says_how_to_mend_it(bus: Bus) -> None:
         open_session(bus.config, "sim")
 
 
+@pytest.mark.parametrize(
+    ("wrong", "text"),
+    [
+        ({"listen": ("nonsense",)}, r"nonsense; expected an endpoint such as tcp/"),
+        ({"listen": ("tcp/127.0.0.1:99999",)}, r"invalid port value; expected an endpoint"),
+        ({"listen": ("foo/127.0.0.1:7000",)}, r"foo protocol; expected an endpoint"),
+        ({"mode": "client", "connect": ("nonsense",)}, r"nonsense; expected an endpoint"),
+        ({"listen": ("tcp/no such host:7000",)}, r"name cannot be resolved"),
+        ({"zenoh": {"speed": 1}, "listen": ()}, r"unknown field `speed`"),
+    ],
+)
+def test_only_a_taken_port_is_called_taken(wrong: dict[str, Any], text: str) -> None:
+    with pytest.raises(BusError, match=text) as caught:
+        open_session(BusConfig.model_validate({"connect": (), **wrong}), "sim")
+    assert "another stack" not in str(caught.value)
+
+
 def test_client_without_router_gives_up_and_says_so(bus: Bus) -> None:
     endpoint = f"tcp/127.0.0.1:{bus.config.base_port}"
     config = BusConfig(mode="client", connect=(endpoint,), patience_s=0.0)

@@ -75,6 +75,8 @@ def test_environment_and_arguments_override(file: Path) -> None:
         ("[bus]\nspeed = 3", "speed"),
         ("[runtime]\nrt_priority = 200", "rt_priority"),
         ("[links]\nnowhere = '5ms'", "nowhere"),
+        ("[links]\n'wcb:estop' = '5ms'", "no service 'wcb'"),
+        ("[wcb]\nrate = 200", r"no table \[wcb\]"),
     ],
 )
 def test_wrong_files_are_refused(tmp_path: Path, text: str, complaint: str) -> None:
@@ -83,6 +85,38 @@ def test_wrong_files_are_refused(tmp_path: Path, text: str, complaint: str) -> N
     arguments = argument_parser("wbc").parse_args(["--config", str(path)])
     with pytest.raises(ConfigError, match=complaint):
         load_settings(arguments, "wbc", {})
+
+
+@pytest.mark.parametrize("where", ["option", "variable"])
+def test_wrong_links_are_named(where: str) -> None:
+    text = "teleop/setpoint=abc"
+    arguments = argument_parser("wbc").parse_args(["--link", text] if where == "option" else [])
+    environment = {"TRILL_LINKS": text} if where == "variable" else {}
+    with pytest.raises(ConfigError, match="'teleop/setpoint' is wrong: 'abc' is not a duration"):
+        load_settings(arguments, "wbc", environment)
+
+
+def test_a_service_outside_the_port_table_has_its_own_table_and_links(tmp_path: Path) -> None:
+    path = tmp_path / "stack.toml"
+    path.write_text("[links]\n'odd:estop' = '5ms'\n[odd]\nkind = 'own'\n")
+    arguments = argument_parser("odd").parse_args(["--config", str(path)])
+    _, links, _, settings = load_settings(arguments, "odd", {})
+    assert settings == {"kind": "own"}
+    assert str(links.of("odd", "estop")) == "5ms"
+
+
+def test_a_service_in_the_background_takes_real_time_from_its_option_only() -> None:
+    environment = {"TRILL_RT_PRIORITY": "30"}
+    parser = argument_parser("logger", background=True)
+    assert load_settings(parser.parse_args([]), "logger", environment)[2].rt_priority == 0
+    chosen = parser.parse_args(["--rt-priority", "5"])
+    assert load_settings(chosen, "logger", environment)[2].rt_priority == 5
+
+
+def test_a_service_whose_inputs_cannot_be_delayed_has_no_such_option() -> None:
+    parser = argument_parser("logger", delayable=False)
+    assert "--link" not in parser.format_help()
+    assert load_settings(parser.parse_args([]), "logger", {})[1].table == {}
 
 
 def test_wrong_configuration_exits_with_2(
@@ -102,6 +136,20 @@ def test_help_names_every_variable(capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     for name in ("CONFIG", "ROBOT", "MODE", "HOST", "BASE_PORT", "CONNECT", "LISTEN", "LINKS"):
         assert f"TRILL_{name}" in text
+    for default in ("draco3", "127.0.0.1", "7448", "default: 20"):
+        assert default in text
+    assert "None" not in text
+
+
+def test_help_shows_the_defaults_that_say_something() -> None:
+    parser = argument_parser("wbc")
+    parser.add_argument("--seed", default=0, help="a number")
+    parser.add_argument("--pace", default="", help="a name")
+    parser.add_argument("--raw", action="store_true", help="a flag")
+    text = " ".join(parser.format_help().split())
+    assert "a number (default: 0)" in text
+    assert "a name (" not in text
+    assert "a flag (" not in text
 
 
 def test_no_realtime_is_asked_for_with_priority_0() -> None:

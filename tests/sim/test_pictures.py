@@ -156,6 +156,7 @@ def test_the_cameras_are_nice_and_take_options(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(os, "nice", niceness.append)
     parser = argument_parser("cameras", cameras.DESCRIPTION)
     cameras._add_arguments(parser)
+    assert parser.prog == "python -m services.sim.cameras"
     arguments = parser.parse_args(["--rate", "10", "--width", "64", "--height", "48"])
     arguments.settings = {"rate": 30, "quality": 70}
     try:

@@ -58,6 +58,7 @@ def test_in_simulated_time_an_ended_operator_is_silent() -> None:
     ("options", "message"),
     [
         (["scripted", "--script", "fly"], "expected demo, stand, gaits, random or a .json file"),
+        (["scripted", "--script", "missing.json"], "cannot read the script missing.json"),
         (["scripted", "--gait", "hop"], "invalid choice: 'hop'"),
         (["scripted", "--count", "0"], "expected at least 1, got 0"),
         (["scripted", "--script", "stand", "--seconds", "-1"], "expected more than 0"),

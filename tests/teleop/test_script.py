@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from common.errors import ConfigError
 from common.schemas import Gait
-from services.teleop.errors import ScriptError
 from services.teleop.hand import FORWARD_HAND, TargetLimits, hand_quaternion
 from services.teleop.library import SCRIPTS, ScriptOptions
 from services.teleop.script import (
@@ -83,12 +83,14 @@ def test_gaits_are_written_by_name(tmp_path: Path) -> None:
     path.write_text('{"name": "x", "steps": [{"do": "gait", "gait": "turn_left", "count": 2}]}')
     assert load_script(path).steps == (Walk(gait=Gait.TURN_LEFT, count=2),)
     path.write_text('{"name": "x", "steps": [{"do": "gait", "gait": "hop"}]}')
-    with pytest.raises(ScriptError, match="expected one of forward, backward, side_left"):
+    with pytest.raises(
+        ConfigError, match=r"steps\.0\.gait\.gait: expected one of forward, backward, side_left"
+    ):
         load_script(path)
 
 
 def test_unreadable_files_are_named(tmp_path: Path) -> None:
-    with pytest.raises(ScriptError, match=r"nothing\.json: No such file"):
+    with pytest.raises(ConfigError, match=r"nothing\.json: No such file"):
         load_script(tmp_path / "nothing.json")
 
 
