@@ -10,7 +10,7 @@ from pathlib import Path
 from common.errors import ConfigError, TrillError
 from deploy.launch import Ended
 from deploy.process import Restart
-from deploy.system import RUNS, SystemOptions, bus_of, new_run_dir
+from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of, new_run_dir
 
 EPILOG = """Each command explains itself: trill demo --help. A run leaves its files in
 runs/<date-time>/: log.mcap (every message), summary.json, contact_sheet.png, video.mp4 and the
@@ -225,6 +225,8 @@ def _record_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _record(arguments: argparse.Namespace) -> int:
+    # First, so that a wrong option leaves no empty directory.
+    bus_of(arguments.base_port, arguments.config, arguments.robot)
     out = arguments.out or new_run_dir()
     options = {
         "--config": arguments.config,
@@ -239,15 +241,19 @@ def _record(arguments: argparse.Namespace) -> int:
 
 
 def _report_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("run", type=Path, help=f"the run's directory, in {RUNS}/ as a rule")
+    parser.add_argument(
+        "run", type=Path, help=f"the run's directory, in {RUNS}/ as a rule, or its log"
+    )
     parser.add_argument("--video", action="store_true", help="render video.mp4 too")
 
 
 def _report(arguments: argparse.Namespace) -> int:
     from deploy.report import finish, known_verdict
 
-    verdict, settings = known_verdict(arguments.run)
-    finish(Ended(arguments.run, verdict), settings, pictures=True, video=arguments.video)
+    run: Path = arguments.run
+    run_dir = run.parent if run.name == LOG_FILE else run
+    verdict, settings = known_verdict(run_dir)
+    finish(Ended(run_dir, verdict), settings, pictures=True, video=arguments.video)
     return 0
 
 

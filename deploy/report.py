@@ -43,12 +43,12 @@ def finish(ended: Ended, settings: dict[str, str], *, pictures: bool, video: boo
 
 
 def known_verdict(run_dir: Path) -> tuple[Verdict, dict[str, str]]:
-    """Verdict and settings of a run that was summed up before; else "completed" and none."""
+    """Verdict and settings of a run that was summed up before; else "unknown" and none."""
     path = run_dir / SUMMARY_FILE
     try:
         known = RunSummary.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, ValidationError):
-        return Verdict("completed"), {}
+        return Verdict("unknown", "nothing but the log is left"), {}
     return Verdict(known.outcome, known.reason), known.environment
 
 
@@ -158,7 +158,10 @@ def report_lines(summary: RunSummary) -> list[str]:
     gaps = sum(topic.gaps for topic in summary.topics.values())
     dropped = sum(topic.dropped for topic in summary.topics.values())
     count = sum(topic.messages for topic in summary.topics.values())
-    lines.append(f"log            {count} messages, {gaps} missing, {dropped} dropped by logger")
+    lines.append(
+        f"log            {count} messages, {gaps} missing, {dropped} dropped by logger"
+        + ("; truncated: its end was never written" if summary.log_truncated else "")
+    )
     return lines
 
 

@@ -4,7 +4,10 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Outcome = Literal["completed", "fell", "script failed", "service died", "timed out", "interrupted"]
+Outcome = Literal[
+    "completed", "fell", "script failed", "service died", "timed out", "interrupted", "unknown"
+]
+"""How a run ended; unknown where only the log is left to tell."""
 
 
 class _Part(BaseModel):

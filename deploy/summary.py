@@ -68,7 +68,7 @@ def summarise(
     Args:
         messages: (topic, message) pairs, e.g. from ``services.logger.reader``.
         outcome: why the run ended, as its supervisor saw it; a fall seen in the log overrules
-            ``"completed"`` and ``"script failed"``.
+            ``"completed"``, ``"script failed"`` and ``"unknown"``.
         reason: a sentence about ``outcome``.
         environment: versions and settings worth keeping with the numbers.
         about_log: what is known of the log itself once it is read; asked at the end.
@@ -80,7 +80,7 @@ def summarise(
         seen.read(topic, message)
     found = LogFindings() if about_log is None else about_log()
     runs, plant = seen.ledger.runs(wanted), seen.plant.tally()
-    if plant.falls and outcome in {"completed", "script failed"}:
+    if plant.falls and outcome in {"completed", "script failed", "unknown"}:
         outcome, reason = "fell", reason or "the plant reported a fall"
     return RunSummary(
         outcome=outcome,

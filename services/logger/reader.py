@@ -104,8 +104,16 @@ class LogReader:
 
     def _records(self) -> Iterator[McapRecord]:
         self.truncated = False
+        empty = True
         for path in existing_parts(self.path):
-            yield from self._records_of(path)
+            for record in self._records_of(path):
+                empty = False
+                yield record
+        if empty:
+            raise LoggerError(
+                f"{self.path} is not an MCAP log: expected MCAP records, got a file of "
+                f"{self.path.stat().st_size} bytes without any"
+            )
 
     def _records_of(self, path: Path) -> Iterator[McapRecord]:
         try:

@@ -10,7 +10,7 @@ import pytest
 
 from common.schemas import Gait
 from common.topics import TELEOP_GAIT
-from deploy import drive
+from deploy import drive, report
 from deploy.cli import COMMANDS, main
 from deploy.launch import Verdict
 from deploy.report import file_lines, known_verdict, report_lines, write_summary
@@ -103,14 +103,61 @@ def test_summing_up_again_keeps_the_verdict(tmp_path: Path) -> None:
     assert verdict == Verdict("interrupted", "why")
     assert settings["mode"] == "rated"
     (tmp_path / "summary.json").write_text("{}")
-    assert known_verdict(tmp_path) == (Verdict("completed"), {})
+    verdict, settings = known_verdict(tmp_path)
+    assert (verdict.outcome, settings) == ("unknown", {})
+
+
+def test_a_log_alone_does_not_say_that_the_run_was_completed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded(tmp_path)
+    monkeypatch.setattr(report, "draw_pictures", lambda _run_dir, video: [])
+    assert main(["report", str(tmp_path / "log.mcap")]) == 0
+    assert "outcome        unknown" in capsys.readouterr().out
+    assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "unknown"
+
+
+@pytest.mark.parametrize("text", ["", "hello"])
+def test_garbage_is_not_summed_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    (tmp_path / "log.mcap").write_text(text)
+    assert main(["report", str(tmp_path)]) == 1
+    assert "not an MCAP log" in capsys.readouterr().err
+    assert not (tmp_path / "summary.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (["demo", "--script", "nope"], "expected demo, stand, gaits, random or a .json file"),
+        (["demo", "--script", "nope.json"], "cannot read the script nope.json"),
+        (["demo", "--base-port", "3"], "base_port"),
+        (["up", "--config", "wrong.toml"], "no table [wcb]"),
+        (["record", "--base-port", "3"], "base_port"),
+    ],
+)
+def test_wrong_options_start_nothing_and_leave_no_run(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    complaint: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "wrong.toml").write_text("[wcb]\n")
+    assert main(words) == 2
+    assert complaint in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()
 
 
 def test_a_cut_off_log_is_summed_up_and_called_so(tmp_path: Path) -> None:
     recorded(tmp_path)
     log = tmp_path / "log.mcap"
     log.write_bytes(log.read_bytes()[:-100])
-    assert write_summary(tmp_path, Verdict("completed"), {}).log_truncated
+    summary = write_summary(tmp_path, Verdict("completed"), {})
+    assert summary.log_truncated
+    assert "truncated" in report_lines(summary)[-1]
     with pytest.raises(LoggerError, match="cannot open"):
         write_summary(tmp_path / "none", Verdict("completed"), {})
 

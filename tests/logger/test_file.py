@@ -111,7 +111,8 @@ def test_a_file_cut_off_anywhere_gives_a_prefix(tmp_path: Path, compression: str
     )
     data, expected = whole.read_bytes(), [one.payload for one in arrivals]
     lengths = set()
-    for cut in range(0, len(data) - 1, 97):
+    # A file that ends before its first record is refused: there is nothing to go on.
+    for cut in range(97, len(data) - 1, 97):
         path = tmp_path / "cut.mcap"
         path.write_bytes(data[:cut])
         reader = LogReader(path)
@@ -200,3 +201,15 @@ def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     (tmp_path / "text.mcap").write_text("this is no log at all")
     with pytest.raises(LoggerError, match="not an MCAP log"):
         list(LogReader(tmp_path / "text.mcap").entries())
+    for text in ("", "hello"):
+        (tmp_path / "short.mcap").write_text(text)
+        with pytest.raises(LoggerError, match=f"not an MCAP log.* {len(text)} bytes without any"):
+            list(LogReader(tmp_path / "short.mcap").entries())
+
+
+def test_an_empty_part_does_not_spoil_the_others(tmp_path: Path) -> None:
+    (tmp_path / "log.mcap").write_bytes(b"")
+    write(tmp_path / "log-2.mcap", [gait(0), gait(1)])
+    reader = LogReader(tmp_path / "log.mcap")
+    assert len(list(reader.entries())) == 2
+    assert reader.truncated
