@@ -1,9 +1,5 @@
 """The robot as both libraries read it."""
 
-import os
-
-os.environ.setdefault("MUJOCO_GL", "egl")  # read when mujoco is first imported
-
 from typing import Any
 
 import mujoco
