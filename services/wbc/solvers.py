@@ -69,13 +69,19 @@ class OsqpSolver:
     Variables are scaled by hand, x = D y: accelerations by their curvature, forces to hundreds of
     newtons. OSQP's own equilibration, recomputed at every update, left the force block so badly
     conditioned that one walking tick in a hundred ran out of iterations.
+
+    Arms at their joint limits still cost OSQP hundreds of iterations, ten milliseconds of a tick
+    of ten. So it gets few, and ``rescue``, if there is one, solves what it did not finish.
     """
 
     name = "osqp"
 
-    def __init__(self, tolerance: float = 1e-5, max_iterations: int = 600) -> None:
+    def __init__(
+        self, tolerance: float = 1e-5, max_iterations: int = 150, rescue: "Solver | None" = None
+    ) -> None:
         self._tolerance = tolerance
         self._max_iterations = max_iterations
+        self._rescue = rescue
         self._solver: Any = None
         # Places of P's and A's nonzeros in the flattened matrices.
         self._P_places = self._A_places = np.ones(0, dtype=np.intp)
@@ -133,15 +139,25 @@ class OsqpSolver:
             )
         result = self._solver.solve(raise_error=False)
         info = result.info
-        # An iterate that ran out of iterations but is feasible to a millinewton is still good.
-        usable = int(info.status_val) in _SOLVED or (
-            int(info.status_val) == _OUT_OF_ITERATIONS and float(info.prim_res) < FEASIBLE
-        )
-        solved = usable and bool(np.isfinite(result.x).all())
-        if not solved:
+        finite = bool(np.isfinite(result.x).all())
+        if finite and int(info.status_val) in _SOLVED:
+            return Solution(self._scale * result.x, True, str(info.status))
+        out_of_time = finite and int(info.status_val) == _OUT_OF_ITERATIONS
+        if not out_of_time:
             # A diverged workspace would poison the next tick's warm start.
             self._solver = None
-        return Solution(self._scale * result.x, solved, str(result.info.status))
+        if self._rescue is not None:
+            return self._rescued(data, self._rescue, str(info.status))
+        # Out of iterations but feasible to a millinewton is still good.
+        usable = out_of_time and float(info.prim_res) < FEASIBLE
+        return Solution(self._scale * result.x, usable, str(info.status))
+
+    def _rescued(self, data: QpData, rescue: "Solver", status: str) -> Solution:
+        """Solve exactly what OSQP did not finish in time, and let it go on from there."""
+        exact = rescue.solve(data)
+        if exact.solved and self._solver is not None:
+            self._solver.warm_start(x=exact.x / self._scale)
+        return Solution(exact.x, exact.solved, f"{status}; {rescue.name}: {exact.status}")
 
 
 def _csc_index(mask: Array) -> tuple[Any, Any]:
@@ -226,5 +242,15 @@ def make_solver(name: str) -> Solver:
     """
     if name not in _SOLVERS:
         raise SolverUnavailableError(f"unknown solver {name!r}, expected one of {list(_SOLVERS)}")
+    if name == OsqpSolver.name:
+        return OsqpSolver(rescue=_rescue())
     solver: Solver = _SOLVERS[name]()
     return solver
+
+
+def _rescue() -> Solver | None:
+    """The exact solver that takes over a QP on which OSQP runs out of iterations."""
+    try:
+        return DaqpSolver()
+    except SolverUnavailableError:
+        return None
