@@ -155,7 +155,10 @@ class OsqpSolver:
     def _rescued(self, data: QpData, rescue: "Solver", status: str) -> Solution:
         """Solve exactly what OSQP did not finish in time, and let it go on from there."""
         exact = rescue.solve(data)
-        if exact.solved and self._solver is not None:
+        if not exact.solved:
+            # A QP without a solution leaves nothing to go on from.
+            self._solver = None
+        elif self._solver is not None:
             self._solver.warm_start(x=exact.x / self._scale)
         return Solution(exact.x, exact.solved, f"{status}; {rescue.name}: {exact.status}")
 
