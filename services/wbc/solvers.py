@@ -77,7 +77,7 @@ class OsqpSolver:
     name = "osqp"
 
     def __init__(
-        self, tolerance: float = 1e-5, max_iterations: int = 150, rescue: "Solver | None" = None
+        self, tolerance: float = 5e-6, max_iterations: int = 150, rescue: "Solver | None" = None
     ) -> None:
         self._tolerance = tolerance
         self._max_iterations = max_iterations

@@ -75,11 +75,11 @@ def test_solutions_satisfy_their_constraints(model: RobotModel, ticks: list[Tick
         data, x = tick.data, tick.solution.x
         rows = data.A @ x
         violation = np.maximum(data.l - rows, rows - data.u)
-        assert np.abs(rows[:6] - data.l[:6]).max() < 0.05  # N, N·m on a robot of 358 N
-        assert violation[TORQUE].max() < 0.05
-        assert violation[CONES].max() < 0.05
-        assert violation[NORMAL].max() < 0.05
-        assert violation[BOUNDS].max() < 0.05
+        assert np.abs(rows[:6] - data.l[:6]).max() < 0.02  # N, N·m on a robot of 358 N
+        assert violation[TORQUE].max() < 0.02
+        assert violation[CONES].max() < 0.02
+        assert violation[NORMAL].max() < 0.02
+        assert violation[BOUNDS].max() < 0.02
         builder.data = data
         motors = builder.torques(model.update(RobotState.from_plant(tick.state)), x)
         sent = tick.command.torque
