@@ -12,10 +12,13 @@ from typing import Generic, TypeVar
 from common.schemas import (
     CameraFrame,
     ControllerState,
+    EpisodeMark,
     Estop,
     GaitReply,
     GaitRequest,
+    Heartbeat,
     JointCommand,
+    LinkChange,
     Message,
     OperatorStatus,
     PlantRequest,
@@ -23,6 +26,7 @@ from common.schemas import (
     PlantStatus,
     ServiceHealth,
     Setpoint,
+    StepJournal,
 )
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
@@ -49,8 +53,9 @@ class Priority(Enum):
 class Topic(Generic[M_co]):
     """One row of the table.
 
-    ``rate`` is nominal [Hz], 0 for events; ``max_age`` [s] is when a reader calls the topic
-    stale (infinite for events).
+    ``rate`` is nominal [Hz], 0 for events. ``max_age`` [s] is when a reader calls the topic
+    stale; what is older than that when it arrives (deliberately injected delay not counted) is
+    not applied at all. It is infinite for what must never be discarded.
     """
 
     name: str
@@ -70,20 +75,30 @@ PLANT_STATE = Topic("plant/state", PlantState, 200.0, 0.1, priority=_C, doc="mea
 PLANT_TRUTH = Topic("plant/truth", PlantState, 50.0, 0.2, doc="ground truth, for scoring only")
 PLANT_STATUS = Topic("plant/status", PlantStatus, 10.0, 0.5, doc="guard, pace, state age at torque")
 PLANT_REQUEST = Topic(
-    "plant/request", PlantRequest, 0.0, delivery=_EVENT, doc="reset, pause, resume, push"
+    "plant/request", PlantRequest, 0.0, 1.0, _EVENT, doc="reset, pause, resume, push"
 )
 ESTOP = Topic("estop", Estop, 0.0, delivery=_EVENT, priority=_C, doc="emergency stop, latched")
 WBC_COMMAND = Topic("wbc/command", JointCommand, 100.0, 0.1, priority=_C, doc="joint command")
 WBC_STATE = Topic("wbc/state", ControllerState, 100.0, 0.2, doc="state machine, errors, solver")
 WBC_REPLY = Topic("wbc/reply", GaitReply, 0.0, delivery=_EVENT, doc="answers to gait requests")
 TELEOP_SETPOINT = Topic("teleop/setpoint", Setpoint, 20.0, 0.25, doc="hands, grippers, neck")
-TELEOP_GAIT = Topic("teleop/gait", GaitRequest, 0.0, delivery=_EVENT, doc="gait requests")
+TELEOP_GAIT = Topic("teleop/gait", GaitRequest, 0.0, 0.5, _EVENT, doc="gait requests")
 TELEOP_STATUS = Topic("teleop/status", OperatorStatus, 5.0, 1.0, doc="progress of a script")
 CAMERA_LEFT = Topic("camera/left", CameraFrame, 20.0, 0.5, priority=_B, doc="left eye")
 CAMERA_RIGHT = Topic("camera/right", CameraFrame, 20.0, 0.5, priority=_B, doc="right eye")
 HEALTH = Topic(
     "health", ServiceHealth, 2.0, 2.0, per_source=True, doc="loop timing and input health"
 )
+HEARTBEAT = Topic(
+    "heartbeat", Heartbeat, 25.0, 0.1, priority=_C, per_source=True, doc="the loop is alive"
+)
+JOURNAL = Topic(
+    "journal", StepJournal, 4.0, per_source=True, doc="what each step took in, for replay"
+)
+LINK_CHANGE = Topic(
+    "link", LinkChange, 0.0, delivery=_EVENT, per_source=True, doc="injected delay in force"
+)
+EPISODE = Topic("episode", EpisodeMark, 0.0, delivery=_EVENT, doc="start and end of episodes")
 
 ALL_TOPICS: tuple[Topic[Message], ...] = (
     PLANT_STATE,
@@ -100,6 +115,10 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     CAMERA_LEFT,
     CAMERA_RIGHT,
     HEALTH,
+    HEARTBEAT,
+    JOURNAL,
+    LINK_CHANGE,
+    EPISODE,
 )
 """Every topic there is."""
 

@@ -14,6 +14,7 @@ from common.bus.codec import decode
 from common.bus.keys import topic_of
 from common.bus.sequence import SequenceTracker
 from common.bus.tap import RawSample
+from common.bus.wire import wire_header
 from common.errors import SchemaError
 from common.schemas import (
     ControllerState,
@@ -31,7 +32,6 @@ from common.topics import (
     Delivery,
     Topic,
 )
-from services.logger.tally import wire_header
 
 WINDOW = 2.0
 """Rates are over this long [s]."""

@@ -2,7 +2,17 @@
 
 from common.schemas.base import Header, Message
 from common.schemas.camera import CameraFrame
-from common.schemas.health import LinkHealth, ServiceHealth
+from common.schemas.episode import EpisodeAction, EpisodeMark
+from common.schemas.health import (
+    Heartbeat,
+    LinkHealth,
+    OutputHealth,
+    PeerHealth,
+    ServiceHealth,
+    StageTime,
+)
+from common.schemas.journal import StepJournal, Stream
+from common.schemas.link import LinkChange
 from common.schemas.operator import Gait, GaitRequest, OperatorStatus, Setpoint
 from common.schemas.plant import (
     Estop,
@@ -19,6 +29,8 @@ __all__ = [
     "CameraFrame",
     "ControlState",
     "ControllerState",
+    "EpisodeAction",
+    "EpisodeMark",
     "Estop",
     "Gait",
     "GaitOutcome",
@@ -26,14 +38,21 @@ __all__ = [
     "GaitRequest",
     "GuardMode",
     "Header",
+    "Heartbeat",
     "JointCommand",
+    "LinkChange",
     "LinkHealth",
     "Message",
     "OperatorStatus",
+    "OutputHealth",
+    "PeerHealth",
     "PlantAction",
     "PlantRequest",
     "PlantState",
     "PlantStatus",
     "ServiceHealth",
     "Setpoint",
+    "StageTime",
+    "StepJournal",
+    "Stream",
 ]

@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 class Header(BaseModel):
     """Where, when and by whom a message was made.
 
-    ``stamp`` is filled by the service; everything else by the publisher when it sends.
+    ``stamp`` is filled by the service; everything else by the publisher when it sends, also
+    ``captured`` (with the start of the step) if the service has left it at 0.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -17,7 +18,11 @@ class Header(BaseModel):
     stamp: int = Field(
         default=0, ge=0, description="Robot time [ns] of the information in the message"
     )
+    captured: int = Field(
+        default=0, ge=0, description="Sender's monotonic clock [ns] when the information came in"
+    )
     sent: int = Field(default=0, ge=0, description="Sender's monotonic clock [ns] when sent")
+    encode: int = Field(default=0, ge=0, description="Time [ns] spent encoding, before `sent`")
     boot: int = Field(default=0, ge=0, description="Random id of the sending process's life")
     source: str = Field(default="", max_length=64, description="Name of the sending service")
     injected: int = Field(

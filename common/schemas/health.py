@@ -1,22 +1,70 @@
-"""What each service says about its own health, twice a second."""
+"""What each service says about its own health, twice a second, and that it is alive."""
+
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from common.schemas.base import Message
 
 
-class LinkHealth(BaseModel):
-    """One input of a service as that service sees it."""
-
+class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class StageTime(_Part):
+    """How long messages of an input spent in one stage of their way, over the last seconds.
+
+    ``capture``: from capturing the information to encoding it. ``encode``: in the codec.
+    ``wire``: from there to arriving at the reader's transport, by the estimated clock offset.
+    ``injected``: held by the link's delay line. ``queue``: waiting for the reader's next step.
+    ``decode``: in the codec. ``use``: from the start of that step to its results being sent.
+    ``total``: all of it.
+    """
+
+    stage: Literal["capture", "encode", "wire", "injected", "queue", "decode", "use", "total"]
+    median: float = Field(description="[s]")
+    p99: float = Field(description="[s]")
+
+
+class LinkHealth(_Part):
+    """One input of a service as that service sees it."""
 
     topic: str
     received: int = Field(ge=0, description="messages that arrived, good or bad")
     rate: float = Field(ge=0.0, description="arrivals per second over the last second")
     age: float = Field(ge=-1.0, description="since the last good message [s]; -1: none yet")
     gaps: int = Field(ge=0, description="messages missing by sequence number")
+    late: int = Field(default=0, ge=0, description="overtaken by a newer one, or repeated")
+    skipped: int = Field(default=0, ge=0, description="let go unread, the service stood still")
+    stale: int = Field(default=0, ge=0, description="too old when they arrived, not applied")
     refused: int = Field(ge=0, description="not decodable or not valid")
     last_refusal: str = Field(default="", max_length=400)
+    link: str = Field(default="", max_length=200, description="what is injected; empty: nothing")
+    requested_mean: float = Field(default=0.0, ge=0.0, description="of the injected delay [s]")
+    requested_p99: float = Field(default=0.0, ge=0.0, description="[s]")
+    achieved_mean: float = Field(default=0.0, ge=0.0, description="since the link was set [s]")
+    achieved_p99: float = Field(default=0.0, ge=0.0, description="[s]")
+    lost: int = Field(default=0, ge=0, description="lost by the link on purpose")
+    stages: list[StageTime] = Field(default_factory=list, max_length=8)
+
+
+class OutputHealth(_Part):
+    """One output of a service."""
+
+    topic: str
+    sent: int = Field(ge=0, description="messages handed to the transport")
+    errors: int = Field(ge=0, description="messages the transport refused")
+
+
+class PeerHealth(_Part):
+    """Another service as this one sees it."""
+
+    source: str
+    alive: bool = Field(description="its heartbeat comes")
+    silent: float = Field(ge=-1.0, description="since its last heartbeat [s]; -1: none yet")
+    deaths: int = Field(default=0, ge=0, description="times its heartbeat stopped")
+    clock_offset: float = Field(default=0.0, description="its clock is behind this one's by [s]")
+    clock_error: float = Field(default=-1.0, ge=-1.0, description="at most [s]; -1: not known")
 
 
 class ServiceHealth(Message):
@@ -32,3 +80,12 @@ class ServiceHealth(Message):
     cpu: float = Field(ge=0.0, description="share of one core over the last window")
     realtime: str = Field(description="scheduling in force, e.g. 'SCHED_FIFO 20' or 'normal'")
     links: list[LinkHealth]
+    outputs: list[OutputHealth] = Field(default_factory=list)
+    peers: list[PeerHealth] = Field(default_factory=list)
+
+
+class Heartbeat(Message):
+    """Sent by a service's own loop, so that it stops when the loop does."""
+
+    steps: int = Field(ge=0)
+    promise: float = Field(gt=0.0, le=10.0, description="silence that means death [s]")

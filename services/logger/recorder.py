@@ -3,11 +3,12 @@
 import threading
 import time
 
+from common.bus.wire import wire_header
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
 from services.logger.intake import Intake
 from services.logger.sink import McapSink
-from services.logger.tally import KeyCount, Tally, to_metadata, wire_header
+from services.logger.tally import KeyCount, Tally, to_metadata
 
 
 class Recorder:

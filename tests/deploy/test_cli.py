@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from common.bus.wire import wire_header
 from common.schemas import Gait
 from common.topics import TELEOP_GAIT
 from deploy import drive, report
@@ -18,7 +19,7 @@ from deploy.summary import summarise
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
 from services.logger.sink import McapSink
-from services.logger.tally import KeyCount, to_metadata, wire_header
+from services.logger.tally import KeyCount, to_metadata
 from tests.deploy.synthetic import Life
 from tests.deploy.test_board import sample
 

@@ -11,13 +11,14 @@ from mcap.reader import make_reader
 
 from common.bus.codec import encode, schema_tag
 from common.bus.tap import RawSample
+from common.bus.wire import wire_header
 from common.schemas import CameraFrame, Gait, GaitRequest, Header, PlantAction, PlantRequest
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
 from services.logger.reader import LogReader
 from services.logger.recorder import Recorder
 from services.logger.sink import McapSink
-from services.logger.tally import KeyCount, wire_header
+from services.logger.tally import KeyCount
 
 
 def gait(seq: int, sent: int = 0) -> RawSample:

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.bus.codec import encode
+from common.bus.wire import wire_header
 from common.schemas import Gait, GaitRequest, Header
 from services.logger.errors import LoggerError
 from services.logger.tally import (
@@ -14,7 +15,6 @@ from services.logger.tally import (
     format_report,
     from_metadata,
     to_metadata,
-    wire_header,
 )
 
 

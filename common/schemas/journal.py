@@ -1,0 +1,31 @@
+"""What a service took in at each of its steps, so that it can be replayed and accounted for."""
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from common.schemas.base import Message
+
+
+class Stream(BaseModel):
+    """One life of one publisher of one topic."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    topic: str = Field(max_length=64)
+    source: str = Field(max_length=64)
+    boot: int = Field(ge=0)
+
+
+class StepJournal(Message):
+    """A stretch of a service's life, a few times a second.
+
+    ``steps`` and ``takes`` are tables of little-endian int64, row by row; their columns are in
+    :mod:`common.bus.journal`. In the first seconds of a life ``payloads`` carries the bytes of
+    what was taken in, one after the other, since a logger may not have been connected yet.
+    """
+
+    service: str = Field(max_length=64)
+    first_step: int = Field(ge=0, description="number of the first step in `steps`, from 0")
+    streams: list[Stream] = Field(max_length=64, description="whom `takes` refers to by number")
+    steps: bytes = Field(max_length=4_000_000)
+    takes: bytes = Field(max_length=16_000_000)
+    payloads: bytes = Field(default=b"", max_length=32_000_000)

@@ -1,0 +1,18 @@
+"""Changes of the delays injected on links."""
+
+from pydantic import Field
+
+from common.schemas.base import Message
+
+
+class LinkChange(Message):
+    """A service says that the link in front of one of its inputs has changed, or is not as none.
+
+    Also told at the start of each service for links it starts with.
+    """
+
+    service: str = Field(max_length=64, description="the consumer")
+    topic: str = Field(max_length=64)
+    link: str = Field(max_length=200, description="what is injected from now on; empty: nothing")
+    previous: str = Field(default="", max_length=200)
+    reason: str = Field(default="", max_length=64, description="start, request or peer")
