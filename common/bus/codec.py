@@ -35,6 +35,8 @@ MAX_PAYLOAD = 64 * 1024 * 1024
 
 # A few bytes of msgpack can announce huge containers, one inside the other; no message needs them.
 _MAX_ITEMS = 128
+_FIXMAP = 15
+"""Most fields whose number takes one byte."""
 _MAX_ERROR = 380
 _MAX_NAME = 40
 
@@ -61,6 +63,8 @@ class _Plan:
 
     tag: str
     names: frozenset[str]
+    prefix: bytes
+    """What every message begins with, up to its header."""
     arrays: _Arrays
     build: Callable[[dict[str, Any]], Message]
 
@@ -71,15 +75,42 @@ def encode(message: Message, header: Header) -> bytes:
     Raises:
         SchemaError: a value does not fit the wire, e.g. an integer beyond 64 bits.
     """
-    return encode_fields(message, header.__dict__)
+    return with_header(message, encode_body(message), header.__dict__)
 
 
-def encode_fields(message: Message, header: dict[str, int | str]) -> bytes:
-    """Like :func:`encode`, with the header's fields as a mapping in the order of the schema."""
+def encode_body(message: Message) -> bytes:
+    """Return everything but the header as a msgpack map, for :func:`with_header`.
+
+    Apart, so that the header can tell how long this took.
+
+    Raises:
+        SchemaError: a value does not fit the wire, e.g. an integer beyond 64 bits.
+    """
     fields = dict(message.__dict__)
-    fields["header"] = header
+    del fields["header"]
     for name in _plan(type(message)).arrays.specs:
         fields[name] = fields[name].tobytes()
+    return _packed(message, fields)
+
+
+def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
+    """Return the whole of ``message`` from its encoded body and the header's fields.
+
+    Args:
+        message: what ``body`` was made from.
+        body: from :func:`encode_body`.
+        header: the fields of a header, in the order of the schema.
+
+    Raises:
+        SchemaError: a value of the header does not fit the wire.
+    """
+    plan = _plan(type(message))
+    # The body's own map header, of one or three bytes, makes way for that of the whole.
+    rest = memoryview(body)[1 if len(plan.names) <= _FIXMAP + 1 else 3 :]
+    return b"".join((plan.prefix, _packed(message, header), rest))
+
+
+def _packed(message: Message, fields: dict[str, Any]) -> bytes:
     try:
         return cast(bytes, msgpack.packb(fields, default=_plain))
     except (ValueError, TypeError, OverflowError) as error:
@@ -211,9 +242,16 @@ def _plan(schema: type[Message]) -> _Plan:
     return _Plan(
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
+        prefix=_prefix(len(schema.model_fields)),
         arrays=_arrays(schema),
         build=_builder(schema),
     )
+
+
+def _prefix(fields: int) -> bytes:
+    """The map header for a number of fields, and the name of the first, the header."""
+    packer = msgpack.Packer()
+    return cast(bytes, packer.pack_map_header(fields) + packer.pack("header"))
 
 
 def _arrays(schema: type[Message]) -> _Arrays:

@@ -9,7 +9,8 @@ port the system picks and connects to the whole table; two of these find each ot
 as long as a service of the table runs.
 
 Two peers of which neither reaches the other's listening port exchange nothing, silently; a
-service behind a router or a firewall therefore has to use ``mode="client"``.
+service behind a router or a firewall therefore has to use ``mode="client"``, and by default looks
+for a router on the port below the base port.
 """
 
 import os
@@ -39,6 +40,9 @@ PORT_OFFSETS: Mapping[str, int] = {
 }
 """Known services; each listens on the base port plus its offset."""
 
+ROUTER_OFFSET = -1
+"""Where a router beside the services listens for clients, relative to the base port."""
+
 SHARED_TABLES = ("bus", "links", "runtime")
 """Tables of a configuration file that are for every service."""
 
@@ -64,7 +68,7 @@ class BusConfig(BaseModel):
     )
     connect: tuple[str, ...] | None = Field(
         default=None,
-        description="endpoints to connect to; None: the ports before this service's own",
+        description="endpoints to connect to; None: a client's router, a peer's ports before its own",
     )
     lease_ms: int = Field(
         default=1500, ge=100, le=60_000, description="a silent link is given up after this long"
@@ -101,11 +105,13 @@ class BusConfig(BaseModel):
         """Whom ``service`` connects to."""
         if self.connect is not None:
             return list(self.connect)
+        if self.mode == "client":
+            return [self._endpoint(self.base_port + ROUTER_OFFSET)]
         own = PORT_OFFSETS.get(service, 1 + max(PORT_OFFSETS.values()))
         return [
             self._endpoint(self.base_port + offset)
             for offset in PORT_OFFSETS.values()
-            if offset < own or self.mode == "client"
+            if offset < own
         ]
 
     def zenoh_config(self, service: str) -> dict[str, Any]:

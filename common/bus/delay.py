@@ -101,14 +101,14 @@ class DelayLine(Generic[T]):
     def __len__(self) -> int:
         return len(self._heap)
 
-    def push(self, item: T, now_ns: int) -> None:
-        """Put in an item that arrived at ``now_ns``; it may be lost."""
+    def push(self, item: T, now_ns: int) -> bool:
+        """Put in an item that arrived at ``now_ns``; False if it is lost."""
         number = self._count
         self._count += 1
         delay = self._draw(number, now_ns)
         if self.spec.loss > 0.0 and self._losses.random() < self.spec.loss:
             self._lost += 1
-            return
+            return False
         self._drawn += delay
         due = now_ns + delay
         if self.spec.keep_order:
@@ -117,18 +117,33 @@ class DelayLine(Generic[T]):
                 self._held_back += 1
             self._last_due = due
         heapq.heappush(self._heap, (due, number, now_ns, item))
+        return True
+
+    def adopt(self, other: "DelayLine[T]") -> None:
+        """Take over what ``other`` still holds, with its due times; no figure here counts it.
+
+        With ``keep_order`` nothing pushed later comes out before it.
+        """
+        held = [
+            (due, number - other._count, pushed, item) for due, number, pushed, item in other._heap
+        ]
+        self._heap += held
+        heapq.heapify(self._heap)
+        other._heap = []
+        self._last_due = max([self._last_due, *(due for due, *_ in held)])
 
     def pop(self, now_ns: int) -> list[Released[T]]:
         """Take out everything due by ``now_ns``, in the order of the due times."""
         released = []
         heap = self._heap
         while heap and heap[0][0] <= now_ns:
-            due, _, pushed, item = heapq.heappop(heap)
+            due, number, pushed, item = heapq.heappop(heap)
             injected = due - pushed
-            self._achieved_sum += injected
-            self._achieved.append(injected)
             released.append(Released(due, injected, item))
-        self._released += len(released)
+            if number >= 0:  # below: another line's
+                self._released += 1
+                self._achieved_sum += injected
+                self._achieved.append(injected)
         return released
 
     def stats(self) -> DelayStats:

@@ -16,14 +16,15 @@ step comes that finds it, and no thread of its own competes with the step.
 """
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import inf
 from typing import Any, TypeVar, cast
 
 from common.bus.delay import DelayLine, DelayStats
 from common.bus.links import Links, link_seed
-from common.bus.slot import NEVER, Slot
+from common.bus.linkspec import LinkSpec
+from common.bus.slot import NEVER, Slot, SlotTools
 from common.errors import TrillError
 from common.schemas import LinkHealth, Message
 from common.topics import Delivery, Topic
@@ -32,6 +33,7 @@ M = TypeVar("M", bound=Message)
 
 _ALIVE_PERIODS = 10.0
 _RATE_TOLERANCE = 0.8
+_STAGE_WINDOW_NS = 2_000_000_000
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,8 @@ class InputStatus:
     """Let go undecoded because the service did not come to read."""
     restarts: int
     """Times a publisher unknown so far appeared after the first."""
+    stale: int
+    """Too old when they arrived, not applied."""
     last_refusal: str
 
 
@@ -79,6 +83,8 @@ class Inbox:
         links: Links | None = None,
         seed: int = 0,
         trigger: Topic[Any] | None = None,
+        tools: SlotTools | None = None,
+        max_age: Mapping[str, float] | None = None,
     ) -> None:
         """Create an empty inbox.
 
@@ -88,20 +94,26 @@ class Inbox:
             links: delays to inject.
             seed: the run's seed for links without their own.
             trigger: topic whose arrivals wake :meth:`wait`.
+            tools: clock offsets and journal; None: one clock, no journal.
+            max_age: by topic name, how old a message may be on arrival to be applied [s], where
+                it differs from the table's.
         """
         links = links or Links()
+        self._service, self._seed = service, seed
+        self._journal = tools.journal if tools is not None else None
         self._slots: dict[str, Slot] = {}
         for topic in topics:
             spec = links.of(service, topic.name)
             line: DelayLine[Any] | None = None
             if spec is not None:
                 line = DelayLine(spec, link_seed(seed, service, topic.name))
-            self._slots[topic.name] = Slot(topic, line)
+            age = (max_age or {}).get(topic.name)
+            self._slots[topic.name] = Slot(topic, line, tools, age)
         self._all = tuple(self._slots.values())
         self._linked = tuple(slot for slot in self._all if slot.line is not None)
         self._trigger = self._slots[trigger.name] if trigger is not None else None
         self._wake = threading.Event()
-        self._stale: list[Slot] = []
+        self._shown: list[Slot] = []
         self._arrived = False
         self._now = 0
 
@@ -125,10 +137,12 @@ class Inbox:
     def begin_step(self, now_ns: int) -> None:
         """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
         self._now = now_ns
-        if self._stale:
-            for slot in self._stale:
+        if self._journal is not None:
+            self._journal.begin(now_ns)
+        if self._shown:
+            for slot in self._shown:
                 slot.end_step()
-            self._stale.clear()
+            self._shown.clear()
         if self._linked:
             self._advance_links(now_ns)
         if self._arrived:
@@ -136,7 +150,7 @@ class Inbox:
             self._arrived = False
             for slot in self._all:
                 if slot.ready and slot.take():
-                    self._stale.append(slot)
+                    self._shown.append(slot)
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Last good message of a latest-value topic; None before the first."""
@@ -182,26 +196,64 @@ class Inbox:
             late=slot.late,
             skipped=slot.skipped,
             restarts=slot.restarts,
+            stale=slot.stale,
             last_refusal=slot.last_refusal,
         )
 
     def link_health(self) -> list[LinkHealth]:
         """Health of every input, as published in :class:`~common.schemas.ServiceHealth`."""
-        health = []
-        for slot in self._all:
-            age = self._age(slot)
-            health.append(
-                LinkHealth(
-                    topic=slot.topic.name,
-                    received=slot.received + slot.skipped,
-                    rate=slot.rate(self._now),
-                    age=-1.0 if age == inf else max(0.0, age),
-                    gaps=slot.gaps,
-                    refused=slot.refused,
-                    last_refusal=slot.last_refusal,
-                )
-            )
-        return health
+        return [self._health_of(slot) for slot in self._all]
+
+    def _health_of(self, slot: Slot) -> LinkHealth:
+        age = self._age(slot)
+        health = LinkHealth(
+            topic=slot.topic.name,
+            received=slot.received + slot.skipped,
+            rate=slot.rate(self._now),
+            age=-1.0 if age == inf else max(0.0, age),
+            gaps=slot.gaps,
+            late=slot.late,
+            skipped=slot.skipped,
+            stale=slot.stale,
+            refused=slot.refused,
+            last_refusal=slot.last_refusal,
+        )
+        more: dict[str, Any] = {}
+        if self._journal is not None:
+            more["stages"] = self._journal.stages(slot.topic.name, self._now - _STAGE_WINDOW_NS)
+        if slot.line is not None:
+            stats = slot.line.stats()
+            more |= {
+                "link": str(slot.line.spec)[:200],
+                "requested_mean": stats.requested_mean,
+                "requested_p99": stats.requested_p99,
+                "achieved_mean": stats.achieved_mean,
+                "achieved_p99": stats.achieved_p99,
+                "lost": stats.lost,
+            }
+        return health.model_copy(update=more)
+
+    def set_link(self, topic_name: str, spec: LinkSpec | None) -> None:
+        """Change the link in front of an input from now on; None: no delay any more.
+
+        What is under way arrives as it would have. Service's thread only.
+        """
+        slot = self._slots[topic_name]
+        if spec is None and slot.line is None:
+            return
+        seed = link_seed(self._seed, self._service, topic_name)
+        slot.set_line(DelayLine(spec or LinkSpec(), seed))
+        self._linked = tuple(slot for slot in self._all if slot.line is not None)
+
+    def link_of(self, topic_name: str) -> str:
+        """What is injected in front of an input, in words; empty: nothing."""
+        line = self._slots[topic_name].line
+        return "" if line is None or line.spec == LinkSpec() else str(line.spec)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(self._slots)
 
     def delay_stats(self) -> dict[str, DelayStats]:
         """Requested and achieved delay of every link that has one, by topic name."""

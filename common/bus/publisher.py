@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 
 import zenoh
 
-from common.bus.codec import encode_fields, schema_tag
+from common.bus.codec import encode_body, schema_tag, with_header
 from common.bus.keys import key_of
 from common.bus.session import wire_encoding
 from common.bus.stamper import HeaderStamper
@@ -58,6 +58,7 @@ class Publisher(Generic[M]):
         """Messages handed to the transport."""
         self.errors = 0
         """Messages the transport refused."""
+        self._clock = clock
         self._stamper = HeaderStamper(source, boot, clock)
         self._logged_at = -_LOG_INTERVAL_S
         encoding = wire_encoding(schema_tag(topic.schema))
@@ -71,13 +72,19 @@ class Publisher(Generic[M]):
             allowed_destination=zenoh.Locality.REMOTE,
         )
 
-    def send(self, message: M) -> bool:
+    def send(self, message: M, captured_ns: int = 0) -> bool:
         """Stamp, encode and send; whether the transport took it. Trouble there only counts.
+
+        Args:
+            message: what to send.
+            captured_ns: when its information came in, unless its header says so.
 
         Raises:
             SchemaError: the message does not fit the wire.
         """
-        payload = encode_fields(message, self._stamper.next(message))
+        started = self._clock()
+        body = encode_body(message)
+        payload = with_header(message, body, self._stamper.next(message, captured_ns, started))
         try:
             self._publisher.put(payload)
         except zenoh.ZError as error:

@@ -3,13 +3,17 @@
 import logging
 import time
 from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from common.bus.codec import decode
 from common.bus.delay import DelayLine
+from common.bus.journal import UNKNOWN, Journal, Take
 from common.bus.sequence import Arrival, SequenceTracker
+from common.bus.wire import wire_header
 from common.errors import SchemaError
-from common.schemas import Message
+from common.schemas import Header, Message
 from common.topics import Delivery, Topic
 
 LATEST_BACKLOG = 32
@@ -39,21 +43,55 @@ class Raw(NamedTuple):
     injected_ns: int = 0
 
 
+def _same_clock(_header: Header) -> int:
+    return 0
+
+
+@dataclass(frozen=True)
+class SlotTools:
+    """What the slots of an inbox share.
+
+    Attributes:
+        offset_of: this clock minus that of the sender of a message [ns]; :data:`UNKNOWN` if not
+            known.
+        clock: to time the decoding with [ns]; None: not timed.
+        journal: where everything taken in is noted.
+    """
+
+    offset_of: Callable[[Header], int] = _same_clock
+    clock: Callable[[], int] | None = None
+    journal: Journal | None = None
+
+
 class Slot:
     """State of one input; see :class:`common.bus.inbox.Inbox` for the meaning of the counters."""
 
-    def __init__(self, topic: Topic[Any], line: DelayLine[Raw] | None = None) -> None:
-        """Create an empty slot, with a delay line in front if the link has a delay."""
+    def __init__(
+        self,
+        topic: Topic[Any],
+        line: DelayLine[Raw] | None = None,
+        tools: SlotTools | None = None,
+        max_age: float | None = None,
+    ) -> None:
+        """Create an empty slot.
+
+        Args:
+            topic: what it takes in.
+            line: delays it first.
+            tools: clock offsets and journal.
+            max_age: what is older on arrival is not applied [s]; None: the topic's own.
+        """
         self.topic = topic
-        self.line = line
+        self._tools = tools or SlotTools()
+        age = topic.max_age if max_age is None else max_age
+        self._oldest_ns = round(1e9 * age) if age < 1e9 else NEVER
         self.is_event = topic.delivery is Delivery.EVENT
         self.ready: deque[Raw] = deque()
-        self._raw: deque[Raw] = deque() if line is not None else self.ready
-        self._backlog = LATEST_BACKLOG
+        self._raw = self.ready
+        self._backlog = EVENT_BACKLOG if self.is_event else LATEST_BACKLOG
+        self.line: DelayLine[Raw] | None = None
         if line is not None:
-            self._backlog = LINK_BACKLOG
-        elif self.is_event:
-            self._backlog = EVENT_BACKLOG
+            self.set_line(line)
         self.value: Message | None = None
         self.by_source: dict[str, Message] = {}
         self.events: list[Message] = []
@@ -62,7 +100,7 @@ class Slot:
         self.good_ns = 0
         self.arrival_ns = 0
         self.last_put_ns = self.seen_put_ns = -1
-        self.received = self.refused = self.late = self.skipped = 0
+        self.received = self.refused = self.late = self.skipped = self.stale = 0
         self.last_refusal = ""
         self._sequence = SequenceTracker()
         self._skipped_seen = 0
@@ -78,6 +116,18 @@ class Slot:
     def restarts(self) -> int:
         """Times a publisher unknown so far appeared after the first."""
         return max(0, self._sequence.streams_seen - 1)
+
+    def set_line(self, line: DelayLine[Raw]) -> None:
+        """Put another delay line in front; a slot that had one keeps one, if of no delay.
+
+        What the old one still holds falls due as it would have: a change loses nothing.
+        """
+        if self.line is not None:
+            line.adopt(self.line)
+        self.line = line
+        if self._raw is self.ready:
+            self._raw = deque()
+        self._backlog = LINK_BACKLOG
 
     def put(self, payload: bytes, arrival_ns: int, tag: str | None) -> None:
         """Append a payload, letting the oldest go when too many wait (any one thread)."""
@@ -100,7 +150,10 @@ class Slot:
             return False
         while raw:
             item = raw.popleft()
-            line.push(item, item.arrival_ns)
+            if not line.push(item, item.arrival_ns) and self._tools.journal is not None:
+                lost = item._replace(injected_ns=-1, arrival_ns=item.arrival_ns - 1)
+                header = wire_header(item.payload)
+                self._note(self._tools.journal, Take.LOST, header, lost, UNKNOWN, 0)
         if line.next_due_ns > now_ns:
             return False
         for due_ns, injected_ns, item in line.pop(now_ns):
@@ -115,12 +168,7 @@ class Slot:
             self.received += 1
             self.arrival_ns = raw.arrival_ns
             self._arrivals.append(raw.arrival_ns)
-            try:
-                message = decode(raw.payload, self.topic.schema, raw.tag, raw.injected_ns)
-            except SchemaError as error:
-                self._refuse(error)
-            else:
-                self._accept(message, raw.arrival_ns)
+            self._take(raw)
         return self.updated
 
     def end_step(self) -> None:
@@ -137,7 +185,42 @@ class Slot:
             arrivals.popleft()
         return len(arrivals) * 1e9 / _RATE_WINDOW_NS
 
-    def _accept(self, message: Message, arrival_ns: int) -> None:
+    def _take(self, raw: Raw) -> None:
+        """Decode one message, decide about it and note it."""
+        clock, journal = self._tools.clock, self._tools.journal
+        started = clock() if clock else 0
+        try:
+            message = decode(raw.payload, self.topic.schema, raw.tag, raw.injected_ns)
+        except SchemaError as error:
+            self._refuse(error)
+            if journal is not None:
+                self._note(journal, Take.REFUSED, wire_header(raw.payload), raw, UNKNOWN, 0)
+            return
+        header = message.header
+        offset = self._tools.offset_of(header)
+        transit = raw.arrival_ns - raw.injected_ns - header.sent - offset
+        if offset != UNKNOWN and header.sent and transit > self._oldest_ns:
+            self.stale += 1
+            self._sequence.observe(header)
+            kind = Take.STALE
+        else:
+            kind = self._accept(message, raw.arrival_ns)
+        if journal is not None:
+            self._note(journal, kind, header, raw, offset, clock() - started if clock else 0)
+
+    def _note(
+        self,
+        journal: Journal,
+        kind: Take,
+        header: Header | None,
+        raw: Raw,
+        offset: int,
+        decode_ns: int,
+    ) -> None:
+        times = (raw.arrival_ns - raw.injected_ns, raw.injected_ns, offset, decode_ns)
+        journal.take(self.topic.name, kind, header, raw.payload, times)
+
+    def _accept(self, message: Message, arrival_ns: int) -> Take:
         """Take in a good message, unless it repeats or (for a latest value) comes too late."""
         self.valid = True
         skipped = self.skipped
@@ -148,7 +231,7 @@ class Slot:
         if order is not Arrival.NEXT:
             self.late += 1
             if order is Arrival.REPEATED or not self.is_event:
-                return
+                return Take.LATE
         self.value = message
         self.good_ns = arrival_ns
         self.updated = True
@@ -158,6 +241,7 @@ class Slot:
             source = message.header.source
             if source in self.by_source or len(self.by_source) < _MAX_SOURCES:
                 self.by_source[source] = message
+        return Take.APPLIED
 
     def _refuse(self, error: SchemaError) -> None:
         """Count a bad message; the last good value stands."""

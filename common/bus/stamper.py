@@ -1,6 +1,7 @@
 """Filling in the headers of what is published."""
 
 from collections.abc import Callable
+from typing import Any
 
 from common.schemas import Message
 
@@ -15,13 +16,22 @@ class HeaderStamper:
         self._clock = clock
         self.count = 0
 
-    def next(self, message: Message) -> dict[str, int | str]:
-        """Return the next header's fields, keeping the message's own ``stamp``."""
+    def next(self, message: Message, captured_ns: int = 0, started_ns: int = 0) -> dict[str, Any]:
+        """Return the next header's fields, keeping the message's own ``stamp``.
+
+        Args:
+            message: its own ``captured`` is kept too, if it has one.
+            captured_ns: otherwise this is taken.
+            started_ns: when encoding it began; 0: it took no time.
+        """
         header = message.header
-        fields: dict[str, int | str] = {
+        now = self._clock()
+        fields = {
             "seq": self.count,
             "stamp": header.stamp,
-            "sent": self._clock(),
+            "captured": header.captured or captured_ns,
+            "sent": now,
+            "encode": now - started_ns if started_ns else 0,
             "boot": self._boot,
             "source": self._source,
             "injected": 0,

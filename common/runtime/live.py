@@ -7,22 +7,27 @@ import threading
 import time
 from collections.abc import Sequence
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from common.bus.config import BusConfig
 from common.bus.inbox import Inbox
+from common.bus.journal import Journal
 from common.bus.links import Links
 from common.bus.publisher import Publisher
 from common.bus.session import BusError, new_boot_id, open_session
+from common.bus.slot import SlotTools
 from common.bus.subscriptions import subscribe
 from common.errors import SchemaError, TrillError
+from common.runtime.aides import Aide, Place
+from common.runtime.journaling import Journaling
 from common.runtime.loopstats import LoopStats
 from common.runtime.pacing import ClockPace, TriggerPace
 from common.runtime.realtime import DEFAULT_PRIORITY
 from common.runtime.service import Output, Service
-from common.topics import HEALTH
+from common.schemas import Message, OutputHealth, ServiceHealth
+from common.topics import ALL_TOPICS, HEALTH, Topic
 
 _log = logging.getLogger(__name__)
 
@@ -44,6 +49,18 @@ class RuntimeConfig(BaseModel):
         default=100, ge=0, le=2000, description="last part of a wait that is not slept away"
     )
     seed: int = Field(default=0, ge=0, description="of links without their own")
+    max_age: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
+        default_factory=dict,
+        description="by topic: not applied if older on arrival [s], where the table's is too short",
+    )
+
+    @field_validator("max_age")
+    @classmethod
+    def _known(cls, ages: dict[str, float]) -> dict[str, float]:
+        known = {topic.name for topic in ALL_TOPICS}
+        for name in ages.keys() - known:
+            raise ValueError(f"no topic {name!r}; expected one of {', '.join(sorted(known))}")
+        return ages
 
 
 class LiveRunner:
@@ -78,12 +95,16 @@ class LiveRunner:
         self._runtime = runtime or RuntimeConfig()
         self._realtime = realtime
         self._stopping = False
+        self._journal = Journal(service.name)
+        self._aides: tuple[Aide, ...] = (Journaling(self._journal),)
         self.inbox = Inbox(
             service.reads,
             service=service.name,
             links=self._links,
             seed=self._runtime.seed,
             trigger=service.trigger,
+            tools=SlotTools(clock=time.monotonic_ns, journal=self._journal),
+            max_age=self._runtime.max_age,
         )
         self._stats = LoopStats(service, realtime)
         self._publishers: dict[str, Publisher[Any]] = {}
@@ -128,6 +149,7 @@ class LiveRunner:
             _log.exception("%s failed", self._service.name)
             code = 1
         finally:
+            self._close_aides()
             gc.enable()
             gc.unfreeze()
             try:
@@ -159,12 +181,39 @@ class LiveRunner:
         """Declare publishers and subscribers."""
         boot = new_boot_id()
         service = self._service
-        for topic in {t.name: t for t in (*service.writes, HEALTH)}.values():
+        own = [topic for aide in self._aides for topic in aide.writes]
+        for topic in {t.name: t for t in (*service.writes, HEALTH, *own)}.values():
             self._publishers[topic.name] = Publisher(
                 session, self._bus.robot, topic, service.name, boot
             )
         service.wanted = lambda topic: self._publishers[topic.name].wanted
         self._subscribers = subscribe(session, self._bus.robot, self.inbox, service.reads)
+        place = Place(
+            session,
+            self._bus.robot,
+            service.name,
+            boot,
+            self.inbox,
+            self._send,
+            lambda topic: self._publishers[topic.name].wanted,
+        )
+        for aide in self._aides:
+            aide.open(place)
+
+    def _send(self, topic: Topic[Any], message: Message) -> None:
+        """Publish what an aide has to say; what does not fit the wire is logged, not raised."""
+        try:
+            self._publishers[topic.name].send(message)
+        except SchemaError:
+            _log.exception("%s cannot send %s", self._service.name, topic.name)
+
+    def _close_aides(self) -> None:
+        """Let every aide end, whatever another one raises."""
+        for aide in self._aides:
+            try:
+                aide.close()
+            except Exception:  # noqa: BLE001 - the session is closed all the same
+                _log.exception("%s: %s failed", self._service.name, type(aide).__name__)
 
     def _loop(self) -> None:
         """Step until stopped."""
@@ -198,8 +247,9 @@ class LiveRunner:
             arrival = inbox.trigger_arrival(now)
             if arrival is None or not pace.accepts(arrival):
                 if now < pace.due_ns:
-                    wake_at = min(pace.due_ns, inbox.next_trigger_due_ns)
+                    wake_at = min(pace.due_ns, inbox.next_trigger_due_ns, self._aides_due())
                     inbox.wait(min(max(0.0, 1e-9 * (wake_at - now)), _LONGEST_SLEEP_S))
+                    self._tend_if_due(time.monotonic_ns())
                     continue
                 pace.timed_out(now)
             self._step(now)
@@ -211,22 +261,26 @@ class LiveRunner:
         """Sleep, the last part awake; False if the service is to stop."""
         spin_ns = 1000 * self._runtime.spin_us
         while not self._stopping:
-            left = due_ns - time.monotonic_ns()
+            now = time.monotonic_ns()
+            left = due_ns - now
             if left <= 0:
                 return True
             if left > spin_ns:
-                time.sleep(min(1e-9 * (left - spin_ns), _LONGEST_SLEEP_S))
+                rest = min(left, max(self._aides_due() - now, spin_ns + 1))
+                time.sleep(min(1e-9 * (rest - spin_ns), _LONGEST_SLEEP_S))
+                self._tend_if_due(time.monotonic_ns())
             else:
                 time.sleep(0)  # lets the transport's threads have the interpreter
         return False
 
     def _step(self, now_ns: int) -> None:
         self.inbox.begin_step(now_ns)
-        self._publish(self._service.step(self.inbox, now_ns))
+        self._publish(self._service.step(self.inbox, now_ns), now_ns)
+        self._journal.end(time.monotonic_ns())
         if self._service.exit_code is not None:
             self._stopping = True
 
-    def _publish(self, outputs: Sequence[Output]) -> None:
+    def _publish(self, outputs: Sequence[Output], now_ns: int) -> None:
         for output in outputs:
             publisher = self._publishers.get(output.topic.name)
             if publisher is None:
@@ -234,22 +288,40 @@ class LiveRunner:
                     f"{self._service.name} published {output.topic.name!r}; expected one of its "
                     f"`writes`: {', '.join(t.name for t in self._service.writes) or 'none'}"
                 )
-            publisher.send(output.message)
+            publisher.send(output.message, now_ns)
 
     def _between_steps(self, now_ns: int) -> None:
-        """Publish health twice a second and collect garbage once."""
+        """Tend the aides, publish health twice a second and collect garbage once."""
+        for aide in self._aides:
+            aide.tend(now_ns)
         if now_ns >= self._next_health:
             self._next_health = max(self._next_health + _HEALTH_PERIOD_NS, now_ns)
-            try:
-                self._publishers[HEALTH.name].send(self._stats.health(self.inbox))
-            except SchemaError:
-                _log.exception("%s cannot tell its health", self._service.name)
+            self._send(HEALTH, self._health())
         elif now_ns >= self._next_collect:
             self._next_collect = now_ns + _COLLECT_PERIOD_NS
             gc.collect()
             if not self._settled:
                 self._settled = True
                 gc.freeze()
+
+    def _health(self) -> ServiceHealth:
+        outputs = [
+            OutputHealth(topic=name, sent=publisher.sent, errors=publisher.errors)
+            for name, publisher in self._publishers.items()
+        ]
+        more: dict[str, Any] = {"outputs": outputs}
+        for aide in self._aides:
+            more |= aide.report()
+        return self._stats.health(self.inbox).model_copy(update=more)
+
+    def _aides_due(self) -> int:
+        return min(aide.due_ns for aide in self._aides)
+
+    def _tend_if_due(self, now_ns: int) -> None:
+        """Tend the aides whose time has come while no step is due."""
+        for aide in self._aides:
+            if now_ns >= aide.due_ns:
+                aide.tend(now_ns)
 
     def _handle_signals(self) -> None:
         """Stop on SIGINT and SIGTERM; only possible in the main thread."""

@@ -16,17 +16,20 @@ from heapq import heapify, heapreplace
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from common.bus.codec import decode, encode_fields, schema_tag
+from common.bus.codec import decode, encode_body, schema_tag, with_header
 from common.bus.inbox import Inbox
+from common.bus.journal import Journal
 from common.bus.keys import key_of
 from common.bus.links import Links
 from common.bus.linkspec import LinkSpec
+from common.bus.slot import SlotTools
 from common.bus.stamper import HeaderStamper
 from common.bus.tap import RawSample
 from common.errors import TrillError
+from common.runtime.journaling import PERIOD_NS as JOURNAL_PERIOD_NS
 from common.runtime.service import Service
 from common.schemas import Message
-from common.topics import Topic
+from common.topics import JOURNAL, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -42,6 +45,8 @@ class _Host:
         self.paused = False
         self.lives = 0
         self.inbox: Inbox
+        self.journal: Journal | None = None
+        self.journal_due = 0
         self.stampers: dict[str, HeaderStamper] = {}
 
 
@@ -57,6 +62,7 @@ class SimTimeRunner:
         offsets_ns: Mapping[str, int] | None = None,
         robot: str = "draco3",
         record: bool = False,
+        journal: bool | None = None,
     ) -> None:
         """Set the stage; no service is stepped yet.
 
@@ -67,6 +73,8 @@ class SimTimeRunner:
             offsets_ns: time of the first step by service name; 0 where not named.
             robot: first part of the keys in the record.
             record: keep every message in :attr:`log`, also those nobody reads.
+            journal: publish each service's :class:`~common.schemas.StepJournal`, so that it can
+                be replayed; None: when recording.
 
         Raises:
             TrillError: two services have the same name, or an offset names none.
@@ -75,6 +83,7 @@ class SimTimeRunner:
         self._seed = seed
         self._robot = robot
         self._record = record
+        self._journal = record if journal is None else journal
         names = [service.name for service in services]
         self._links = links if isinstance(links, Links) else Links.from_table(links or {}, names)
         self._now = 0
@@ -118,6 +127,8 @@ class SimTimeRunner:
                 inbox.begin_step(due)
                 for output in host.service.step(inbox, due):
                     self._publish(host, output.topic, output.message)
+                if host.journal is not None:
+                    self._keep_journal(host, host.journal)
                 # A service that has ended itself is stepped no more, as a process that is gone.
                 host.paused = host.service.exit_code is not None
         self._now = max(self._now, t_ns)
@@ -194,6 +205,15 @@ class SimTimeRunner:
     ) -> None:
         self.close()
 
+    def _keep_journal(self, host: _Host, journal: Journal) -> None:
+        """A step has ended: publish the journal if it is time, or the service has ended."""
+        journal.end(self._now)
+        if self._now >= host.journal_due or host.service.exit_code is not None:
+            host.journal_due = self._now + JOURNAL_PERIOD_NS
+            message = journal.fetch()
+            if message is not None:
+                self._publish(host, JOURNAL, message)
+
     def _publish(self, host: _Host, topic: Topic[Any], message: Message) -> None:
         """Send what a service returned."""
         stamper = host.stampers.get(topic.name)
@@ -218,7 +238,7 @@ class SimTimeRunner:
         if not self._wanted(topic):
             stamper.count += 1
             return
-        payload = encode_fields(message, stamper.next(message))
+        payload = with_header(message, encode_body(message), stamper.next(message, self._now))
         for reader in readers:
             if reader is not sender:
                 reader.inbox.offer(topic.name, payload, self._now)
@@ -245,8 +265,16 @@ class SimTimeRunner:
         service = host.service
         service.wanted = self._wanted
         host.lives += 1
-        host.inbox = Inbox(service.reads, service=service.name, links=self._links, seed=self._seed)
-        host.stampers = {t.name: self._stamper(service.name, host.lives) for t in service.writes}
+        host.journal = Journal(service.name) if self._journal else None
+        host.inbox = Inbox(
+            service.reads,
+            service=service.name,
+            links=self._links,
+            seed=self._seed,
+            tools=SlotTools(journal=host.journal),
+        )
+        writes = (*service.writes, JOURNAL) if self._journal else service.writes
+        host.stampers = {t.name: self._stamper(service.name, host.lives) for t in writes}
 
     def _connect(self) -> None:
         """Find the readers of each topic, in the order of the services."""

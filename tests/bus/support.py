@@ -33,7 +33,24 @@ def plant_state(seq: int = 0, boot: int = 1, source: str = "sim") -> schemas.Pla
 
 
 def health(source: str = "sim") -> schemas.ServiceHealth:
-    link = LinkHealth(topic="plant/state", received=3, rate=2.5, age=-1.0, gaps=1, refused=2)
+    link = LinkHealth(
+        topic="plant/state",
+        received=3,
+        rate=2.5,
+        age=-1.0,
+        gaps=1,
+        late=2,
+        skipped=3,
+        stale=4,
+        refused=2,
+        link="250ms",
+        requested_mean=0.25,
+        requested_p99=0.26,
+        achieved_mean=0.27,
+        achieved_p99=0.28,
+        lost=5,
+        stages=[schemas.StageTime(stage="wire", median=1e-3, p99=2e-3)],
+    )
     return schemas.ServiceHealth(
         service=source,
         pid=123,
@@ -45,6 +62,17 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
         cpu=0.5,
         realtime="normal",
         links=[link, link.model_copy(update={"topic": "estop", "last_refusal": "not good"})],
+        outputs=[schemas.OutputHealth(topic="wbc/command", sent=4, errors=1)],
+        peers=[
+            schemas.PeerHealth(
+                source="wbc",
+                alive=True,
+                silent=0.02,
+                deaths=1,
+                clock_offset=-0.2,
+                clock_error=1e-4,
+            )
+        ],
     )
 
 
@@ -105,6 +133,19 @@ def examples() -> list[Message]:
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
         health(),
+        schemas.Heartbeat(steps=12, promise=0.1),
+        schemas.StepJournal(
+            service="wbc",
+            first_step=7,
+            streams=[schemas.Stream(topic="plant/state", source="sim", boot=2**40)],
+            steps=bytes(16),
+            takes=bytes(96),
+            payloads=b"abc",
+        ),
+        schemas.LinkChange(
+            service="wbc", topic="teleop/setpoint", link="250ms", previous="20ms", reason="request"
+        ),
+        schemas.EpisodeMark(episode=3, action=schemas.EpisodeAction.END, label="door"),
     ]
 
 

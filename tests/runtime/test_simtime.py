@@ -124,7 +124,10 @@ def test_headers_are_stamped_by_the_runner() -> None:
     assert {(m.header.source, m.header.injected) for m in messages} == {("sim", 0)}
     boots = {m.header.boot for m in messages}
     assert len(boots) == 1
-    other = decode(jittery_run(6, 0.1).log[0].payload, PlantState)
+    other_log = jittery_run(6, 0.1).log
+    other = next(decode(s.payload, PlantState) for s in other_log if s.key == "draco3/plant/state")
+    assert [m.header.captured for m in messages] == [m.header.sent for m in messages]
+    assert {m.header.encode for m in messages} == {0}
     assert other.header.boot not in boots
     # The service's own stamp is kept.
     assert messages[3].header.stamp == 19 * MS
@@ -156,7 +159,7 @@ def test_unread_messages_are_not_encoded_but_keep_their_numbers() -> None:
 
 
 def test_record_holds_unread_messages_too() -> None:
-    runner = SimTimeRunner([ToyPlant()], record=True, robot="r2")
+    runner = SimTimeRunner([ToyPlant()], record=True, journal=False, robot="r2")
     runner.run_for(0.01)
     assert [(s.key, s.arrival_ns, s.tag) for s in runner.log] == [
         ("r2/plant/state", 4 * MS, schema_tag(PlantState)),
