@@ -4,14 +4,16 @@ import contextlib
 import socket
 from collections.abc import Iterator
 
-from common.bus.config import DEFAULT_BASE_PORT, PORT_OFFSETS
+from common.bus.config import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
 from deploy.errors import DeployError
 
 STRIDE = 16
 """Distance between the base ports of two systems."""
 BLOCKS = 200
-_MARK = STRIDE - 1
-"""Offset of the port the owner keeps open to mark its block as taken."""
+_FIRST = ROUTER_OFFSET
+"""Offset of a block's lowest port; the others follow it."""
+_MARK = _FIRST + STRIDE - 1
+"""Offset of the block's highest port, which the owner keeps open to mark the block as taken."""
 
 
 @contextlib.contextmanager
@@ -25,6 +27,7 @@ def reserve_base_port(host: str = "127.0.0.1", wanted: int | None = None) -> Ite
     Raises:
         DeployError: ``wanted`` is taken, or no block is free.
     """
+    offsets = (ROUTER_OFFSET, *PORT_OFFSETS.values())
     candidates = (
         [DEFAULT_BASE_PORT + STRIDE * block for block in range(BLOCKS)]
         if wanted is None
@@ -35,17 +38,17 @@ def reserve_base_port(host: str = "127.0.0.1", wanted: int | None = None) -> Ite
         if mark is None:
             continue
         with mark:
-            if all(_free(host, base + offset) for offset in PORT_OFFSETS.values()):
+            if all(_free(host, base + offset) for offset in offsets):
                 yield base
                 return
     if wanted is None:
         raise DeployError(
-            f"no {STRIDE} free ports in a row on {host} from {candidates[0]} to "
+            f"no {STRIDE} free ports in a row on {host} from {candidates[0] + _FIRST} to "
             f"{candidates[-1] + _MARK}; stop a running system or pass --base-port"
         )
     raise DeployError(
-        f"ports {wanted} to {wanted + _MARK} on {host} are not all free; leave --base-port away to "
-        "have free ones chosen, or stop what uses them"
+        f"ports {wanted + _FIRST} to {wanted + _MARK} on {host} are not all free; leave "
+        "--base-port away to have free ones chosen, or stop what uses them"
     )
 
 

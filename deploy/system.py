@@ -45,9 +45,17 @@ class SystemOptions:
 
 
 def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
-    """The robot's side: logger, plant, cameras, controller."""
+    """The robot's side: router, logger, plant, cameras, controller."""
     limits = ("--torque-mode", options.mode)
     return [
+        ProcessSpec(
+            "router",
+            "deploy.router",
+            restart=options.restart,
+            # The robot walks without; only whoever watches or drives from afar needs it.
+            essential=False,
+            stop_wave=_LAST,
+        ),
         ProcessSpec(
             "logger",
             "services.logger",
@@ -100,7 +108,12 @@ def environment(base_port: int, config: Path | None) -> dict[str, str]:
     return variables
 
 
-def bus_of(base_port: int | None, config: Path | None, robot: str | None = None) -> BusConfig:
+def bus_of(
+    base_port: int | None,
+    config: Path | None,
+    robot: str | None = None,
+    host: str | None = None,
+) -> BusConfig:
     """The bus as the services of such a system see it.
 
     Raises:
@@ -108,7 +121,7 @@ def bus_of(base_port: int | None, config: Path | None, robot: str | None = None)
     """
     chosen = config or (Path(text) if (text := os.environ.get("TRILL_CONFIG")) else None)
     table = read_config_file(chosen).get("bus") if chosen else None
-    return bus_config(table, {"base_port": base_port, "robot": robot})
+    return bus_config(table, {"base_port": base_port, "robot": robot, "host": host})
 
 
 def new_run_dir(root: Path = RUNS) -> Path:

@@ -68,7 +68,8 @@ class BusConfig(BaseModel):
     )
     connect: tuple[str, ...] | None = Field(
         default=None,
-        description="endpoints to connect to; None: a client's router, a peer's ports before its own",
+        description="endpoints to connect to; None: the ports before this service's own, or a "
+        "client's router",
     )
     lease_ms: int = Field(
         default=1500, ge=100, le=60_000, description="a silent link is given up after this long"

@@ -45,6 +45,7 @@ def test_a_client_listens_nowhere() -> None:
     config = BusConfig(mode="client", connect=("tcp/router:7447",))
     assert config.listen_endpoints("wbc") == []
     assert config.connect_endpoints("wbc") == ["tcp/router:7447"]
+    assert BusConfig(mode="client").connect_endpoints("wbc") == ["tcp/127.0.0.1:7447"]
 
 
 def test_zenoh_settings_keep_publishers_from_waiting() -> None:

@@ -89,13 +89,14 @@ def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_wo
 
 def test_the_process_list_follows_the_options() -> None:
     specs = {s.name: s for s in robot_processes(SystemOptions(mode="rated"), Path("r"))}
-    assert list(specs) == ["logger", "sim", "cameras", "wbc"]
+    assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
     assert specs["sim"].args == specs["wbc"].args == ("--torque-mode", "rated")
     assert specs["logger"].args == ("--out", "r")
     assert not specs["cameras"].essential
+    assert not specs["router"].essential
     assert specs["sim"].stop_wave < specs["wbc"].stop_wave < specs["logger"].stop_wave
     bare = robot_processes(SystemOptions(cameras=False, record=False), Path("r"))
-    assert [s.name for s in bare if s.wanted] == ["sim", "wbc"]
+    assert [s.name for s in bare if s.wanted] == ["router", "sim", "wbc"]
 
 
 def test_run_directories_never_collide(tmp_path: Path) -> None:

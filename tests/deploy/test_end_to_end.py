@@ -65,7 +65,7 @@ def test_one_gait_from_start_to_summary(tmp_path: Path) -> None:
     assert command.messages > 300
     assert (command.dropped, command.undecodable) == (0, 0)
     logs = {path.name for path in (run_dir / "logs").iterdir()}
-    assert logs == {"logger.txt", "sim.txt", "wbc.txt", "teleop.txt"}
+    assert logs == {"router.txt", "logger.txt", "sim.txt", "wbc.txt", "teleop.txt"}
     assert left_behind(tmp_path) == []
 
 

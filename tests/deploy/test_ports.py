@@ -4,8 +4,10 @@ import socket
 
 import pytest
 
+from common.bus.config import ROUTER_OFFSET
 from deploy.errors import DeployError
 from deploy.ports import STRIDE, reserve_base_port
+from tests.bus.support import free_base_port
 
 
 def test_two_reservations_differ_by_whole_blocks() -> None:
@@ -19,6 +21,20 @@ def test_a_block_with_one_port_in_use_is_passed_over() -> None:
         pass
     with socket.create_server(("127.0.0.1", free + 3)), reserve_base_port() as other:
         assert other != free
+
+
+def test_the_routers_port_belongs_to_the_block() -> None:
+    with reserve_base_port() as free:
+        pass
+    taken = socket.create_server(("127.0.0.1", free + ROUTER_OFFSET))
+    with taken, reserve_base_port() as other:
+        assert other != free
+
+
+def test_neighbouring_blocks_do_not_overlap() -> None:
+    base = free_base_port(2 * STRIDE) + 1
+    with reserve_base_port(wanted=base), reserve_base_port(wanted=base + STRIDE) as second:
+        assert second == base + STRIDE
 
 
 def test_a_wanted_block_that_is_taken_is_refused() -> None:
