@@ -152,6 +152,19 @@ class Inbox:
                 if slot.ready and slot.take():
                     self._shown.append(slot)
 
+    def begin_replayed_step(self, now_ns: int, taken: Iterable[tuple[str, Message, int]]) -> None:
+        """Like :meth:`begin_step` for a replay: show what the step took in when it was recorded.
+
+        Args:
+            now_ns: the step's time.
+            taken: topic name, message and time of arrival of each, in the order of the record.
+        """
+        self.begin_step(now_ns)
+        for name, message, arrival_ns in taken:
+            slot = self._slots[name]
+            slot.show(message, arrival_ns)
+            self._shown.append(slot)
+
     def latest(self, topic: Topic[M]) -> M | None:
         """Last good message of a latest-value topic; None before the first."""
         return cast("M | None", self._slot(topic).value)

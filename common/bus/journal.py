@@ -15,7 +15,9 @@ A step's row: :data:`STEP_COLUMNS`. A row for each message taken in: :data:`TAKE
 - ``decode`` is how long decoding took [ns]; ``size`` counts the bytes of it in ``payloads``.
 """
 
+import json
 from collections import deque
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
 
@@ -49,6 +51,7 @@ _PROLOGUE_BYTES = 8_000_000
 _KEPT_STEPS = 20_000
 _KEPT_TAKES = 40_000
 _MAX_STREAMS = 64
+_MAX_SETTINGS = 1_000_000
 _WINDOW_ROWS = 1000
 
 
@@ -71,9 +74,12 @@ class Journal:
     first of a life are kept: without them nothing after them can be replayed.
     """
 
-    def __init__(self, service: str) -> None:
-        """Start with the first step of a life."""
+    def __init__(self, service: str, settings: Mapping[str, Any] | None = None) -> None:
+        """Start with the first step of a life; ``settings`` as :class:`StepJournal` has them."""
         self._service = service
+        text = json.dumps(dict(settings)) if settings else ""
+        self._settings = text if len(text) <= _MAX_SETTINGS else ""
+        self._lost = 0
         self._first_step = 0
         self._steps: list[tuple[int, int]] = []
         self._takes: list[tuple[int, ...]] = []
@@ -109,12 +115,16 @@ class Journal:
             payload: its bytes.
             times: arrival, injected, offset and decode, see :data:`TAKE_COLUMNS`.
         """
-        if not self._steps or len(self._takes) >= _KEPT_TAKES or header is None:
+        if not self._steps or header is None:
+            return
+        if len(self._takes) >= _KEPT_TAKES:
+            self._lost += kind is Take.APPLIED
             return
         key = (topic, header.source, header.boot)
         stream = self._streams.get(key)
         if stream is None:
             if len(self._streams) >= _MAX_STREAMS:
+                self._lost += kind is Take.APPLIED
                 return
             stream = self._streams[key] = len(self._streams)
         size = 0
@@ -152,13 +162,15 @@ class Journal:
             steps=np.array(self._steps, "<i8").tobytes(),
             takes=np.array(self._takes, "<i8").reshape(-1, len(TAKE_COLUMNS)).tobytes(),
             payloads=b"".join(self._payloads),
+            settings="" if self._first_step else self._settings,
+            lost=self._lost,
         )
         self._forget()
         return message
 
     def trim(self) -> None:
         """Give up what nobody fetched, if it is too much to keep."""
-        if len(self._steps) > _KEPT_STEPS:
+        if len(self._steps) > _KEPT_STEPS or len(self._takes) >= _KEPT_TAKES:
             self.full = True
             self._prologue_left = 0
             self._forget()

@@ -228,10 +228,20 @@ class Slot:
             self._sequence.excuse(skipped - self._skipped_seen)
             self._skipped_seen = skipped
         order = self._sequence.observe(message.header)
+        if order is Arrival.WILD:
+            self._refuse(
+                SchemaError(f"sequence number {message.header.seq} is far beyond the last")
+            )
+            return Take.REFUSED
         if order is not Arrival.NEXT:
             self.late += 1
             if order is Arrival.REPEATED or not self.is_event:
                 return Take.LATE
+        self.show(message, arrival_ns)
+        return Take.APPLIED
+
+    def show(self, message: Message, arrival_ns: int) -> None:
+        """Let the service see a good message; a replay comes here directly."""
         self.value = message
         self.good_ns = arrival_ns
         self.updated = True
@@ -241,7 +251,6 @@ class Slot:
             source = message.header.source
             if source in self.by_source or len(self.by_source) < _MAX_SOURCES:
                 self.by_source[source] = message
-        return Take.APPLIED
 
     def _refuse(self, error: SchemaError) -> None:
         """Count a bad message; the last good value stands."""

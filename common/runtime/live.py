@@ -95,7 +95,7 @@ class LiveRunner:
         self._runtime = runtime or RuntimeConfig()
         self._realtime = realtime
         self._stopping = False
-        self._journal = Journal(service.name)
+        self._journal = Journal(service.name, service.settings)
         self._aides: tuple[Aide, ...] = (Journaling(self._journal),)
         self.inbox = Inbox(
             service.reads,

@@ -1,10 +1,11 @@
 """The contract between a service and whatever runs it: live, in simulated time, or from a log."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
+from common.errors import TrillError
 from common.schemas import Message
 from common.topics import Topic
 
@@ -58,6 +59,8 @@ class Service(ABC):
             outputs are still published; it becomes the process's exit status. None: run on.
         wanted: tells whether anybody reads a topic of ``writes`` just now, to save costly outputs;
             set by the runner. Without one everything is wanted.
+        settings: all that :meth:`from_settings` needs to build the like of it, as JSON's types;
+            published with its journal so that a log suffices for a replay. Empty: not replayable.
     """
 
     name: str
@@ -67,6 +70,16 @@ class Service(ABC):
     trigger: Topic[Any] | None = None
     exit_code: int | None = None
     wanted: Callable[[Topic[Any]], bool] = staticmethod(lambda _topic: True)
+    settings: Mapping[str, Any] = {}
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build the service as it was, from its :attr:`settings`, to be replayed.
+
+        Raises:
+            TrillError: it cannot be built from settings, or these are wrong.
+        """
+        raise TrillError(f"{cls.__name__} cannot be replayed: not all it heard came over the bus")
 
     @abstractmethod
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:

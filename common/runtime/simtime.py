@@ -265,7 +265,7 @@ class SimTimeRunner:
         service = host.service
         service.wanted = self._wanted
         host.lives += 1
-        host.journal = Journal(service.name) if self._journal else None
+        host.journal = Journal(service.name, service.settings) if self._journal else None
         host.inbox = Inbox(
             service.reads,
             service=service.name,

@@ -29,3 +29,11 @@ class StepJournal(Message):
     steps: bytes = Field(max_length=4_000_000)
     takes: bytes = Field(max_length=16_000_000)
     payloads: bytes = Field(default=b"", max_length=32_000_000)
+    settings: str = Field(
+        default="",
+        max_length=1_000_000,
+        description="JSON from which the service can be built again; with the first step only",
+    )
+    lost: int = Field(
+        default=0, ge=0, description="messages taken in since the life began but not noted"
+    )

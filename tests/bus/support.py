@@ -141,6 +141,8 @@ def examples() -> list[Message]:
             steps=bytes(16),
             takes=bytes(96),
             payloads=b"abc",
+            settings='{"rate": 100.0}',
+            lost=2,
         ),
         schemas.LinkChange(
             service="wbc", topic="teleop/setpoint", link="250ms", previous="20ms", reason="request"
