@@ -6,7 +6,8 @@ from enum import Enum
 from common.schemas import Header
 
 _MAX_STREAMS = 64
-_MAX_JUMP = 1_000_000
+MAX_JUMP = 1_000_000
+"""A longer gap, more than an hour of the fastest topic, is believed only from two messages."""
 
 
 class Arrival(Enum):
@@ -18,13 +19,16 @@ class Arrival(Enum):
     """Overtaken by a newer one."""
     REPEATED = "repeated"
     """The same as the newest."""
+    WILD = "wild"
+    """So far ahead that it is taken for damage: believing it would shut out all after it."""
 
 
 class SequenceTracker:
     """Follows the streams of one topic; a stream is one life of one publisher.
 
     Messages missing before the first seen do not count, nor does a publisher's restart. A late
-    message fills the gap it left.
+    message fills the gap it left. A number that is wildly ahead is believed only once the next
+    one follows it.
     """
 
     def __init__(self) -> None:
@@ -33,6 +37,7 @@ class SequenceTracker:
         self.streams_seen = 0
         self._last: OrderedDict[tuple[int, str], int] = OrderedDict()
         self._excused = 0
+        self._wild: dict[tuple[int, str], int] = {}
 
     def excuse(self, count: int) -> None:
         """Do not count the next ``count`` missing: they arrived, but were not decoded."""
@@ -49,12 +54,14 @@ class SequenceTracker:
                 self._last.popitem(last=False)
             self._excused = 0
             return Arrival.NEXT
+        if header.seq > last + MAX_JUMP and header.seq != self._wild.get(stream, -1) + 1:
+            self._wild = {stream: header.seq}
+            return Arrival.WILD
         if header.seq > last:
             jump = header.seq - last - 1
             excused = min(jump, self._excused)
             self._excused = 0
-            # A wild number is a damaged message, not a million lost ones.
-            self.missing += min(jump - excused, _MAX_JUMP)
+            self.missing += jump - excused
             self._last[stream] = header.seq
             return Arrival.NEXT
         if header.seq == last:

@@ -45,11 +45,26 @@ def test_what_arrived_undecoded_is_not_missing() -> None:
     assert tracker.missing == 3
 
 
-def test_wild_numbers_and_many_streams_stay_bounded() -> None:
+def test_a_wild_number_is_not_believed_alone() -> None:
     tracker = SequenceTracker()
     tracker.observe(header(0))
-    tracker.observe(header(2**63))
-    assert tracker.missing == 1_000_000
+    assert tracker.observe(header(2**63)) is Arrival.WILD
+    # What comes after it is not shut out.
+    assert tracker.observe(header(1)) is Arrival.NEXT
+    assert tracker.missing == 0
+
+
+def test_a_long_gap_is_believed_when_it_goes_on() -> None:
+    tracker = SequenceTracker()
+    tracker.observe(header(0))
+    assert tracker.observe(header(3_000_000)) is Arrival.WILD
+    assert tracker.observe(header(3_000_001)) is Arrival.NEXT
+    assert tracker.observe(header(3_000_002)) is Arrival.NEXT
+    assert tracker.missing == 3_000_000
+
+
+def test_many_streams_stay_bounded() -> None:
+    tracker = SequenceTracker()
     for boot in range(2, 1000):
         tracker.observe(header(0, boot=boot))
     assert len(tracker._last) == 64

@@ -1,0 +1,1 @@
+"""Random and damaged payloads at every topic's decoder."""
