@@ -6,8 +6,8 @@ Run as ``python -m services.sim.cameras``.
 import os
 import sys
 from argparse import SUPPRESS, ArgumentParser, Namespace
-from collections.abc import Sequence
-from typing import Any, Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Self
 
 import cv2
 import mujoco
@@ -96,8 +96,14 @@ class CameraService(Service):
 
     def __init__(self, config: CameraConfig | None = None) -> None:
         self._config = config or CameraConfig()
+        self.settings = self._config.model_dump(mode="json")
         self.period_ns = 1_000_000_000 // self._config.rate
         self._renderer = StereoRenderer(self._config)
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build cameras to be replayed; only where the same OpenGL draws are they the same."""
+        return cls(validated(CameraConfig, settings))
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Render the wanted eyes, if there is a new state."""

@@ -2,7 +2,8 @@
 
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from common.topics import (
     PLANT_TRUTH,
     WBC_COMMAND,
 )
-from services.sim.config import PHYSICS_RATE, PHYSICS_STEP_NS, SimConfig
+from services.sim.config import PHYSICS_RATE, PHYSICS_STEP_NS, SimConfig, validated
 from services.sim.errors import PlantDivergedError
 from services.sim.pace import Every, Pace
 from services.sim.plant import Plant
@@ -42,6 +43,7 @@ class PlantService(Service):
     def __init__(self, config: SimConfig | None = None) -> None:
         self.plant = Plant(config)
         config = self.plant.config
+        self.settings = config.model_dump(mode="json")
         self.period_ns = config.physics_steps * PHYSICS_STEP_NS
         self.paused = False
         self._state_every = PHYSICS_RATE // config.state_rate
@@ -52,6 +54,11 @@ class PlantService(Service):
         self._refusals_due = Every(1)
         self._refusals_told = 0
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build a plant to be replayed."""
+        return cls(validated(SimConfig, settings))
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Take events and the newest command, run the physics steps due, report."""

@@ -1,10 +1,12 @@
 """An operator that plays a script against the robot's feedback, then ends its process."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from common.errors import ConfigError, explain
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     ControllerState,
@@ -72,6 +74,10 @@ class ScriptedOperator(Service):
         """Prepare to play ``script``."""
         self.script = script
         self.config = config or ScriptedConfig()
+        self.settings = {
+            "script": script.model_dump(mode="json"),
+            "config": self.config.model_dump(mode="json"),
+        }
         self.failure = ""
         self.targets = OperatorTargets(self.config.limits)
         self._stage = Stage(self.targets, GaitDesk(self.config.patience), label=LABEL_WAITING)
@@ -82,6 +88,17 @@ class ScriptedOperator(Service):
         self._last_ns: int | None = None
         self._shown: OperatorStatus | None = None
         self._since_shown = 0.0
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build an operator to be replayed."""
+        try:
+            return cls(
+                Script.model_validate(settings.get("script")),
+                ScriptedConfig.model_validate(settings.get("config", {})),
+            )
+        except ValidationError as error:
+            raise ConfigError(f"the operator's settings are wrong: {explain(error)}") from error
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Advance the script by one tick; see :class:`common.runtime.service.Service`."""

@@ -1,10 +1,13 @@
 """The controller as a service: inboxes in, joint commands and controller state out."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, Self
 
 import numpy as np
+from pydantic import ValidationError
 
+from common.errors import ConfigError, explain
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     ControllerState,
@@ -47,6 +50,7 @@ class WbcService(Service):
 
     def __init__(self, config: WbcConfig | None = None) -> None:
         self.config = config or WbcConfig()
+        self.settings = self.config.model_dump(mode="json")
         self.period_ns = round(1e9 / self.config.rate)
         self.controller = Controller(self.config)
         self.stiffness, self.damping = joint_gains(self.config.motors)
@@ -56,6 +60,14 @@ class WbcService(Service):
         self._setpoint_due = False
         self._completed_before = 0
         self._requests: list[GaitRequest] = []
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build a controller to be replayed; it dumps no QPs."""
+        try:
+            return cls(WbcConfig.model_validate({**settings, "qp_dump_dir": ""}))
+        except ValidationError as error:
+            raise ConfigError(f"the controller's settings are wrong: {explain(error)}") from error
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """One tick; silent while there is no newer state to control."""
