@@ -1,0 +1,1 @@
+"""What the system does when something around it fails."""

@@ -1,0 +1,116 @@
+"""The processes of :mod:`studies.faults.slow_subscriber`: a publisher and its readers."""
+
+import json
+import signal
+import sys
+import time
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from common.bus.config import BusConfig
+from common.bus.publisher import Publisher
+from common.bus.session import new_boot_id, open_session
+from common.bus.tap import RawTap
+from common.runtime.realtime import DEFAULT_PRIORITY, enter_realtime
+from common.schemas import CameraFrame, JointCommand, Message, PlantState
+from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_STATE, WBC_COMMAND, Topic
+
+ROBOT = "faults"
+TICK_S = 0.005
+JPEG_BYTES = 30_000
+"""About what a 400×300 picture of the robot's eyes takes."""
+READY = "ready"
+
+_EVERY: tuple[tuple[Topic[Any], int], ...] = (
+    (PLANT_STATE, 1),
+    (WBC_COMMAND, 2),
+    (CAMERA_LEFT, 10),
+    (CAMERA_RIGHT, 10),
+)
+"""Topic, and in which of how many ticks it is sent."""
+
+
+class Stop:
+    """Set by SIGTERM and SIGINT."""
+
+    def __init__(self) -> None:
+        self.asked = False
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._note)
+
+    def _note(self, _number: int, _frame: FrameType | None) -> None:
+        self.asked = True
+
+
+def messages() -> dict[str, Message]:
+    """One message of each kind that is sent."""
+    joints, pair = np.zeros(27), np.zeros(2)
+    names = ("position", "velocity", "acceleration", "torque", "stiffness", "damping")
+    state = PlantState(
+        base_position=np.zeros(3),
+        base_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
+        base_linear_velocity=np.zeros(3),
+        base_angular_velocity=np.zeros(3),
+        joint_position=joints,
+        joint_velocity=joints,
+        joint_torque=joints,
+        gripper_closure=pair,
+        foot_normal_force=pair,
+    )
+    command = JointCommand.model_validate({"gripper_closure": pair} | dict.fromkeys(names, joints))
+    picture = np.random.default_rng(0).bytes(JPEG_BYTES)
+    left = CameraFrame(eye="left", width=400, height=300, encoding="jpeg", data=picture)
+    eyes = {
+        CAMERA_LEFT.name: left,
+        CAMERA_RIGHT.name: left.model_copy(update={"eye": "right"}),
+    }
+    return {PLANT_STATE.name: state, WBC_COMMAND.name: command, **eyes}
+
+
+def publish(config: BusConfig) -> None:
+    """Send what a robot sends until a signal; then print how long each put took, as JSON.
+
+    Each row: topic's number in the table, start [ns, monotonic], duration [ns].
+    """
+    stop = Stop()
+    scheduling = enter_realtime(DEFAULT_PRIORITY)
+    session: Any = open_session(config, "sim")
+    boot, rows, what = new_boot_id(), [], messages()
+    publishers = {topic.name: Publisher(session, ROBOT, topic, "sim", boot) for topic, _ in _EVERY}
+    print(READY, flush=True)
+    due, tick = time.monotonic(), 0
+    while not stop.asked:
+        for number, (topic, every) in enumerate(_EVERY):
+            if tick % every == 0:
+                started = time.monotonic_ns()
+                publishers[topic.name].send(what[topic.name])
+                rows.append((number, started, time.monotonic_ns() - started))
+        tick += 1
+        due += TICK_S
+        time.sleep(max(0.0, due - time.monotonic()))
+    session.close()
+    json.dump({"scheduling": scheduling, "rows": rows}, sys.stdout)
+
+
+def read(config: BusConfig, nap_s: float) -> None:
+    """Read everything until a signal, after each message asleep for a while; print the counts."""
+    stop = Stop()
+    session: Any = open_session(config, "reader")
+    if nap_s > 0.0:
+        subscriber = session.declare_subscriber(f"{ROBOT}/**", lambda _: time.sleep(nap_s))
+        print(READY, flush=True)
+        while not stop.asked:
+            time.sleep(0.05)
+        subscriber.undeclare()
+        session.close()
+        return
+    tap = RawTap(session, ROBOT)
+    print(READY, flush=True)
+    arrivals: list[int] = []
+    while not stop.asked:
+        arrivals += [s.arrival_ns for s in tap.drain() if s.key.endswith(PLANT_STATE.name)]
+        time.sleep(0.02)
+    session.close()
+    json.dump(arrivals, sys.stdout)
