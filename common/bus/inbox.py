@@ -22,6 +22,7 @@ from math import inf
 from typing import Any, TypeVar, cast
 
 from common.bus.delay import DelayLine, DelayStats
+from common.bus.linknames import EYES
 from common.bus.links import Links, link_seed
 from common.bus.linkspec import LinkSpec
 from common.bus.slot import NEVER, Slot, SlotTools
@@ -104,9 +105,7 @@ class Inbox:
         self._slots: dict[str, Slot] = {}
         for topic in topics:
             spec = links.of(service, topic.name)
-            line: DelayLine[Any] | None = None
-            if spec is not None:
-                line = DelayLine(spec, link_seed(seed, service, topic.name))
+            line = None if spec is None else self._line(topic, spec)
             age = (max_age or {}).get(topic.name)
             self._slots[topic.name] = Slot(topic, line, tools, age)
         self._all = tuple(self._slots.values())
@@ -237,7 +236,7 @@ class Inbox:
         if slot.line is not None:
             stats = slot.line.stats()
             more |= {
-                "link": str(slot.line.spec)[:200],
+                "link": self.link_of(slot.topic.name)[:200],
                 "requested_mean": stats.requested_mean,
                 "requested_p99": stats.requested_p99,
                 "achieved_mean": stats.achieved_mean,
@@ -254,14 +253,18 @@ class Inbox:
         slot = self._slots[topic_name]
         if spec is None and slot.line is None:
             return
-        seed = link_seed(self._seed, self._service, topic_name)
-        slot.set_line(DelayLine(spec or LinkSpec(), seed))
+        slot.set_line(self._line(slot.topic, spec or LinkSpec()))
         self._linked = tuple(slot for slot in self._all if slot.line is not None)
 
     def link_of(self, topic_name: str) -> str:
         """What is injected in front of an input, in words; empty: nothing."""
         line = self._slots[topic_name].line
         return "" if line is None or line.spec == LinkSpec() else str(line.spec)
+
+    @property
+    def stale(self) -> int:
+        """Messages of all inputs that were too old when they arrived."""
+        return sum(slot.stale for slot in self._all)
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -300,6 +303,10 @@ class Inbox:
         """When the next delayed message of the trigger topic falls due [ns]."""
         slot = self._trigger
         return slot.line.next_due_ns if slot is not None and slot.line is not None else NEVER
+
+    def _line(self, topic: Topic[Any], spec: LinkSpec) -> DelayLine[Any]:
+        seed = link_seed(self._seed, self._service, topic.name)
+        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in EYES else None)
 
     def _advance_links(self, now_ns: int) -> None:
         """Move what arrived into the delay lines and what fell due out of them."""

@@ -21,6 +21,8 @@ from common.bus.slot import SlotTools
 from common.bus.subscriptions import subscribe
 from common.errors import SchemaError, TrillError
 from common.runtime.aides import Aide, Place
+from common.runtime.clocks import Clocks
+from common.runtime.heartbeats import Heartbeats
 from common.runtime.journaling import Journaling
 from common.runtime.loopstats import LoopStats
 from common.runtime.pacing import ClockPace, TriggerPace
@@ -96,17 +98,24 @@ class LiveRunner:
         self._realtime = realtime
         self._stopping = False
         self._journal = Journal(service.name, service.settings)
-        self._aides: tuple[Aide, ...] = (Journaling(self._journal),)
+        self._stats = LoopStats(service, realtime)
+        clocks = Clocks()
+        self._aides: tuple[Aide, ...] = (
+            Journaling(self._journal),
+            clocks,
+            Heartbeats(
+                clocks, lambda: self._stats.steps, service.period_ns, service.heartbeat_promise_s
+            ),
+        )
         self.inbox = Inbox(
             service.reads,
             service=service.name,
             links=self._links,
             seed=self._runtime.seed,
             trigger=service.trigger,
-            tools=SlotTools(clock=time.monotonic_ns, journal=self._journal),
+            tools=SlotTools(clocks.offset_of, time.monotonic_ns, self._journal),
             max_age=self._runtime.max_age,
         )
-        self._stats = LoopStats(service, realtime)
         self._publishers: dict[str, Publisher[Any]] = {}
         self._next_health = self._next_collect = 0
         self._settled = False
