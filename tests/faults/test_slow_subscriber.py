@@ -34,4 +34,4 @@ def test_a_bad_reader_takes_nothing_from_a_healthy_one() -> None:
         assert row["states sent"] > 100
         assert row["states received"] > 0.8 * row["states sent"], row
         # Blocking would hold a put for seconds.
-        assert row["state"]["max"] < 500_000, row
+        assert row["state"]["max"] < 2_000_000, row
