@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
+from deploy import replay_cli
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of, new_run_dir
@@ -289,6 +290,14 @@ COMMANDS = (
     ),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
+    ),
+    _Command(
+        "replay",
+        "run a log's services again, or publish it",
+        replay_cli.TEXT,
+        replay_cli.EXAMPLES,
+        replay_cli.add_arguments,
+        replay_cli.run,
     ),
 )
 

@@ -37,6 +37,7 @@ PORT_OFFSETS: Mapping[str, int] = {
     "bridge": 7,
     "cameras": 8,
     "keyboard": 9,
+    "replay": 10,
 }
 """Known services; each listens on the base port plus its offset."""
 

@@ -16,11 +16,12 @@ from common.topics import Priority, Topic
 
 M = TypeVar("M", bound=Message)
 
-_PRIORITY = {
+PRIORITIES = {
     Priority.CONTROL: zenoh.Priority.REAL_TIME,
     Priority.INTERACTIVE: zenoh.Priority.INTERACTIVE_HIGH,
     Priority.BULK: zenoh.Priority.DATA_LOW,
 }
+"""The transport's class of each."""
 _LOG_INTERVAL_S = 1.0
 
 _log = logging.getLogger(__name__)
@@ -65,7 +66,7 @@ class Publisher(Generic[M]):
         self._publisher: Any = session.declare_publisher(
             key_of(robot, topic, source),
             encoding=encoding,
-            priority=_PRIORITY[topic.priority],
+            priority=PRIORITIES[topic.priority],
             express=topic.priority is not Priority.BULK,
             congestion_control=zenoh.CongestionControl.DROP,
             reliability=zenoh.Reliability.RELIABLE,
