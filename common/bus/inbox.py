@@ -61,6 +61,8 @@ class InputStatus:
     refused: int
     late: int
     """Arrived after a newer one of the same publisher; not shown for latest-value topics."""
+    repeated: int
+    """Arrived again; never shown twice."""
     skipped: int
     """Let go undecoded because the service did not come to read."""
     restarts: int
@@ -206,6 +208,7 @@ class Inbox:
             gaps=slot.gaps,
             refused=slot.refused,
             late=slot.late,
+            repeated=slot.repeated,
             skipped=slot.skipped,
             restarts=slot.restarts,
             stale=slot.stale,
@@ -225,6 +228,7 @@ class Inbox:
             age=-1.0 if age == inf else max(0.0, age),
             gaps=slot.gaps,
             late=slot.late,
+            repeated=slot.repeated,
             skipped=slot.skipped,
             stale=slot.stale,
             refused=slot.refused,

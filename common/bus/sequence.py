@@ -6,6 +6,7 @@ from enum import Enum
 from common.schemas import Header
 
 _MAX_STREAMS = 64
+_MAX_HOLES = 1024
 MAX_JUMP = 1_000_000
 """A longer gap, more than an hour of the fastest topic, is believed only from two messages."""
 
@@ -18,9 +19,38 @@ class Arrival(Enum):
     LATE = "late"
     """Overtaken by a newer one."""
     REPEATED = "repeated"
-    """The same as the newest."""
+    """It was there before."""
     WILD = "wild"
     """So far ahead that it is taken for damage: believing it would shut out all after it."""
+
+
+class _Stream:
+    """What one life of one publisher has shown."""
+
+    def __init__(self, first: int) -> None:
+        self.last = first
+        self.floor = first
+        """Below it is not known what was there."""
+        self.holes: set[int] = set()
+
+    def advance(self, seq: int) -> None:
+        """Go on to a newer number, remembering what is missing up to it."""
+        start = max(self.last + 1, seq - _MAX_HOLES)
+        if start > self.last + 1:
+            self.floor = start
+        if start < seq:
+            self.holes.update(range(start, seq))
+            if len(self.holes) > _MAX_HOLES:
+                self.holes = set(sorted(self.holes)[-_MAX_HOLES // 2 :])
+                self.floor = max(self.floor, min(self.holes))
+        self.last = seq
+
+    def fill(self, seq: int) -> bool:
+        """A number below the last came; whether it was missing."""
+        if seq in self.holes:
+            self.holes.remove(seq)
+            return True
+        return False
 
 
 class SequenceTracker:
@@ -28,14 +58,21 @@ class SequenceTracker:
 
     Messages missing before the first seen do not count, nor does a publisher's restart. A late
     message fills the gap it left. A number that is wildly ahead is believed only once the next
-    one follows it.
+    one follows it. The last thousand of the missing are remembered one by one, so that a message
+    that comes late is told from one that comes again; what is older still counts as late.
+
+    Attributes:
+        missing: messages that never came, so far.
+        late: messages that came after a newer one.
+        repeated: messages that came more than once, each time but the first.
+        streams_seen: lives of publishers.
     """
 
     def __init__(self) -> None:
         """Start having seen nothing."""
-        self.missing = 0
+        self.missing = self.late = self.repeated = 0
         self.streams_seen = 0
-        self._last: OrderedDict[tuple[int, str], int] = OrderedDict()
+        self._streams: OrderedDict[tuple[int, str], _Stream] = OrderedDict()
         self._excused = 0
         self._wild: dict[tuple[int, str], int] = {}
 
@@ -45,26 +82,30 @@ class SequenceTracker:
 
     def observe(self, header: Header) -> Arrival:
         """Account for a message and say how it fits in."""
-        stream = (header.boot, header.source)
-        last = self._last.get(stream)
-        if last is None:
+        key = (header.boot, header.source)
+        stream = self._streams.get(key)
+        if stream is None:
             self.streams_seen += 1
-            self._last[stream] = header.seq
-            if len(self._last) > _MAX_STREAMS:
-                self._last.popitem(last=False)
+            self._streams[key] = _Stream(header.seq)
+            if len(self._streams) > _MAX_STREAMS:
+                self._streams.popitem(last=False)
             self._excused = 0
             return Arrival.NEXT
-        if header.seq > last + MAX_JUMP and header.seq != self._wild.get(stream, -1) + 1:
-            self._wild = {stream: header.seq}
+        last = stream.last
+        if header.seq > last + MAX_JUMP and header.seq != self._wild.get(key, -1) + 1:
+            self._wild = {key: header.seq}
             return Arrival.WILD
         if header.seq > last:
             jump = header.seq - last - 1
             excused = min(jump, self._excused)
             self._excused = 0
             self.missing += jump - excused
-            self._last[stream] = header.seq
+            stream.advance(header.seq)
             return Arrival.NEXT
-        if header.seq == last:
+        if stream.fill(header.seq):
+            self.missing = max(0, self.missing - 1)
+        elif header.seq >= stream.floor:
+            self.repeated += 1
             return Arrival.REPEATED
-        self.missing = max(0, self.missing - 1)
+        self.late += 1
         return Arrival.LATE

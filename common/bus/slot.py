@@ -100,7 +100,7 @@ class Slot:
         self.good_ns = 0
         self.arrival_ns = 0
         self.last_put_ns = self.seen_put_ns = -1
-        self.received = self.refused = self.late = self.skipped = self.stale = 0
+        self.received = self.refused = self.late = self.repeated = self.skipped = self.stale = 0
         self.last_refusal = ""
         self._sequence = SequenceTracker()
         self._skipped_seen = 0
@@ -233,9 +233,12 @@ class Slot:
                 SchemaError(f"sequence number {message.header.seq} is far beyond the last")
             )
             return Take.REFUSED
-        if order is not Arrival.NEXT:
+        if order is Arrival.REPEATED:
+            self.repeated += 1
+            return Take.LATE
+        if order is Arrival.LATE:
             self.late += 1
-            if order is Arrival.REPEATED or not self.is_event:
+            if not self.is_event:
                 return Take.LATE
         self.show(message, arrival_ns)
         return Take.APPLIED

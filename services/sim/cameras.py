@@ -93,6 +93,8 @@ class CameraService(Service):
     name = "cameras"
     reads = (PLANT_TRUTH,)
     writes = (CAMERA_LEFT, CAMERA_RIGHT)
+    # Software rendering of both eyes takes up to 0.15 s, more on a machine that is busy.
+    heartbeat_promise_s = 0.5
 
     def __init__(self, config: CameraConfig | None = None) -> None:
         self._config = config or CameraConfig()

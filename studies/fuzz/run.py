@@ -80,7 +80,8 @@ def _note(account: Account, name: str, inbox: Inbox, topic: Topic[Any], before: 
     shown = bool(events) if topic.delivery is Delivery.EVENT else after.updated
     account.applied += shown
     # An event that comes late is shown and counted as late, for it matters all the same.
-    account.late += after.late - before.late if not shown else 0
+    if not shown:
+        account.late += after.late + after.repeated - before.late - before.repeated
     value = inbox.latest(topic)
     if shown and value is not None:
         _check(value)

@@ -40,6 +40,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
         age=-1.0,
         gaps=1,
         late=2,
+        repeated=6,
         skipped=3,
         stale=4,
         refused=2,
