@@ -28,3 +28,18 @@ class LoggerConfig(BaseModel):
         default=20_000, ge=1, description="arrived but not written; more are dropped and counted"
     )
     queue_bytes: int = Field(default=64 * 1024 * 1024, ge=1, description="likewise")
+    rotate_size: int | None = Field(
+        default=None, ge=100_000, description="a new part is begun at this size [bytes]"
+    )
+    rotate_every: float | None = Field(
+        default=None, ge=1.0, description="a new part is begun after this long [s]"
+    )
+    topics: tuple[str, ...] = Field(
+        default=(), description="record only what matches one of these, e.g. 'plant/*'; empty: all"
+    )
+    exclude: tuple[str, ...] = Field(
+        default=(), description="do not record what matches one of these, e.g. 'camera/**'"
+    )
+    low_disk: int = Field(
+        default=1024**3, ge=0, description="less free space than this is warned of [bytes]"
+    )

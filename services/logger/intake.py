@@ -1,15 +1,17 @@
 """The bounded queue between the bus and the writer's thread."""
 
 import threading
-from collections import Counter
 
 from common.bus.tap import RawSample
+from common.bus.wire import wire_header
+from services.logger.tally import Tally
 
 
 class Intake:
-    """FIFO bounded by messages and by bytes; what does not fit is dropped and counted by key.
+    """FIFO bounded by messages and by bytes; what does not fit is dropped and accounted for.
 
-    The newest is dropped, not the oldest, so that what is recorded has one gap, not many.
+    The newest is dropped, not the oldest, so that what is recorded has one gap, not many. The
+    header of what is dropped is read all the same, so that the account stays exact.
     """
 
     def __init__(self, max_messages: int, max_bytes: int) -> None:
@@ -19,18 +21,23 @@ class Intake:
         self._lock = threading.Lock()
         self._queue: list[RawSample] = []
         self._bytes = 0
-        self._dropped: Counter[str] = Counter()
+        self._drops = Tally()
+        self.dropped = 0
+        """Messages dropped so far."""
 
     def offer(self, sample: RawSample) -> bool:
         """Append ``sample``; False if it was dropped."""
         size = len(sample.payload)
         with self._lock:
-            if len(self._queue) >= self._max_messages or self._bytes + size > self._max_bytes:
-                self._dropped[sample.key] += 1
-                return False
-            self._queue.append(sample)
-            self._bytes += size
-            return True
+            if len(self._queue) < self._max_messages and self._bytes + size <= self._max_bytes:
+                self._queue.append(sample)
+                self._bytes += size
+                return True
+        header = wire_header(sample.payload)
+        with self._lock:
+            self._drops.drop(sample.key, header)
+            self.dropped += 1
+        return False
 
     def take(self) -> list[RawSample]:
         """Empty the queue, oldest first; returns at once."""
@@ -38,7 +45,10 @@ class Intake:
             taken, self._queue, self._bytes = self._queue, [], 0
         return taken
 
-    def dropped(self) -> dict[str, int]:
-        """How many were dropped so far, by key."""
+    def take_drops(self) -> Tally:
+        """What was dropped since the last call."""
         with self._lock:
-            return dict(self._dropped)
+            if not self._drops:
+                return self._drops
+            taken, self._drops = self._drops, Tally()
+        return taken

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import fcntl
 import json
 import os
 import platform
@@ -9,22 +10,36 @@ import shutil
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, Writer
 
+from common.bus.codec import schema_tag
+from common.bus.describe import Description
 from common.bus.keys import topic_of
 from common.bus.tap import RawSample
-from common.schemas import Header
+from common.schemas import Header, Message
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
 
 PROFILE = "trill"
 START_METADATA = "recording"
+"""How the recording was made; the first record of each part."""
+CARRIED_METADATA = "carried"
+"""In a part that continues another: the account of all before it, and the open episode."""
+DROPS_METADATA = "drops"
+"""What the logger had to drop since the last such record."""
+EPISODE_METADATA = "episode"
+"""One finished episode."""
+ACCOUNT_METADATA = "account"
+"""At the end: every sequence number, as runs, of the recording up to here."""
 REPORT_METADATA = "report"
-"""Names of the file's metadata records: how the recording was made, and its counts (at the end)."""
+"""At the end: counts by key of the recording up to here."""
+REPAIR_METADATA = "repair"
+"""Written by the repair: what was saved, what could not be."""
 
-_COMPRESSION = {
+COMPRESSION = {
     "zstd": CompressionType.ZSTD,
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
@@ -35,30 +50,70 @@ class McapSink:
     """An MCAP file open for writing.
 
     Each key gets a channel with message encoding ``msgpack``, the JSON Schema of its topic and the
-    schema tag it was sent with; a key that is not in the topic table is recorded without a
-    schema. ``log_time`` is the arrival and ``publish_time`` the sender's ``header.sent``, both on
-    the monotonic clock; the file's first metadata record ties that clock to the wall clock.
+    schema tag it was sent with. A key that is not in the topic table, or is sent with another
+    schema than this version's, gets the schema its sender describes it with, if that is known.
+    ``log_time`` is the arrival and ``publish_time`` the sender's ``header.sent``, both on the
+    monotonic clock; the file's first metadata record ties that clock to the wall clock.
+
+    Schemas and channels stand in the file twice, inside the chunk where they are first used and
+    after it, so that a damaged chunk does not take the meaning of all others with it. The open
+    file is locked, so that nobody repairs what is still being written.
 
     Every method raises :class:`LoggerError` when the file cannot be written.
     """
 
-    def __init__(self, path: Path, robot: str, config: LoggerConfig) -> None:
-        """Create ``path``; an existing file is refused, not overwritten."""
+    def __init__(
+        self,
+        path: Path,
+        robot: str,
+        config: LoggerConfig,
+        about: Mapping[str, str] | None = None,
+    ) -> None:
+        """Create ``path``; an existing file is refused, not overwritten.
+
+        Args:
+            path: where to write.
+            robot: whose bus is recorded.
+            config: buffering and compression.
+            about: more about how the recording is made, for its first record.
+        """
         self.path = path
         self._robot = robot
         self._channels: dict[tuple[str, str], int] = {}
-        self._schemas: dict[str, int] = {}
+        self._bare: set[tuple[str, str]] = set()
+        self._schemas: dict[tuple[str, bytes], int] = {}
+        self._copies: list[Schema | Channel] = []
+        self._described: Mapping[str, Description] = {}
         with _told(path):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = path.open("xb")
+            with contextlib.suppress(OSError):  # not every file system has locks
+                fcntl.flock(self._stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self._writer = Writer(
                 self._stream,
                 chunk_size=config.chunk_size,
-                compression=_COMPRESSION[config.compression],
+                compression=COMPRESSION[config.compression],
             )
             self._writer.start(profile=PROFILE)
-            self._writer.add_metadata(START_METADATA, _origin(robot))
+            self._writer.add_metadata(START_METADATA, _origin(robot) | dict(about or {}))
             self._stream.flush()
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far, without the open chunk."""
+        return self._stream.tell()
+
+    @property
+    def undescribed(self) -> bool:
+        """Whether a channel that is in use has no schema."""
+        return not self._bare.isdisjoint(self._channels)
+
+    def describe(self, descriptions: Mapping[str, Description]) -> None:
+        """Say what senders say of their keys; channels without a schema get it from now on."""
+        self._described = descriptions
+        for key, tag in self._bare & self._channels.keys():
+            if self._schema_of(key, tag) is not None:
+                del self._channels[key, tag]
 
     def write(self, sample: RawSample, header: Header | None) -> None:
         """Append one message; it is safe from a kill only after the next :meth:`flush`."""
@@ -71,19 +126,41 @@ class McapSink:
                 data=sample.payload,
             )
 
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Write a metadata record, into the file's index too."""
+        with _told(self.path):
+            self._writer.add_metadata(name, dict(values))
+
     def flush(self) -> None:
         """Close the open chunk and hand everything to the operating system."""
         with _told(self.path):
             self._writer.flush()
+            if self._copies:
+                builder = RecordBuilder()
+                for record in self._copies:
+                    record.write(builder)
+                self._stream.write(builder.end())
+                self._copies.clear()
+                self._stream.flush()
 
-    def close(self, report: Mapping[str, str]) -> None:
-        """Write the report and the index, and close the file."""
-        with _told(self.path), self._stream:
-            self._writer.flush()
+    def close(self, report: Mapping[str, str], *, sync: bool = True) -> None:
+        """Write the report and the index, and close the file; see :meth:`finish`."""
+        self.finish(report)
+        self.release(sync=sync)
+
+    def finish(self, report: Mapping[str, str]) -> None:
+        """Write the report and the index; only :meth:`release` may follow."""
+        self.flush()
+        with _told(self.path):
             self._writer.add_metadata(REPORT_METADATA, dict(report))
             self._writer.finish()
             self._stream.flush()
-            os.fsync(self._stream.fileno())
+
+    def release(self, *, sync: bool = True) -> None:
+        """Close the file, on the disk if ``sync``, which can take as long as the disk likes."""
+        with _told(self.path), self._stream:
+            if sync:
+                os.fsync(self._stream.fileno())
 
     def abandon(self) -> None:
         """Close the file as it is, after a write failed."""
@@ -96,22 +173,46 @@ class McapSink:
         if known is None:
             topic = topic_of(self._robot, sample.key)
             metadata = {"robot": self._robot, "schema_tag": sample.tag}
-            schema = 0
             if topic is not None:
                 metadata["topic"] = topic.name
-                schema = self._schema(topic.schema)
+            schema = self._schema(self._schema_of(sample.key, sample.tag))
             known = self._writer.register_channel(sample.key, "msgpack", schema, metadata)
+            self._copies.append(
+                Channel(
+                    id=known,
+                    topic=sample.key,
+                    message_encoding="msgpack",
+                    schema_id=schema,
+                    metadata=metadata,
+                )
+            )
             self._channels[wanted] = known
+            if not schema:
+                self._bare.add(wanted)
         return known
 
-    def _schema(self, schema: Any) -> int:
-        known = self._schemas.get(schema.__name__)
+    def _schema_of(self, key: str, tag: str) -> tuple[str, bytes] | None:
+        """Name and JSON Schema of what is sent under ``key`` with ``tag``; None: not known."""
+        topic = topic_of(self._robot, key)
+        if topic is not None:
+            schema: type[Message] = topic.schema
+            if tag in ("", schema_tag(schema)):
+                text = json.dumps(schema.model_json_schema(), ensure_ascii=False)
+                return f"{schema.__name__}/{schema.VERSION}", text.encode()
+        found = self._described.get(key)
+        if found is not None and found.tag == tag:
+            return found.name, found.jsonschema.encode()
+        return None
+
+    def _schema(self, wanted: tuple[str, bytes] | None) -> int:
+        if wanted is None:
+            return 0
+        known = self._schemas.get(wanted)
         if known is None:
-            text = json.dumps(schema.model_json_schema(), ensure_ascii=False)
-            known = self._writer.register_schema(
-                f"{schema.__name__}/{schema.VERSION}", "jsonschema", text.encode()
-            )
-            self._schemas[schema.__name__] = known
+            name, data = wanted
+            known = self._writer.register_schema(name, "jsonschema", data)
+            self._copies.append(Schema(id=known, data=data, encoding="jsonschema", name=name))
+            self._schemas[wanted] = known
         return known
 
 
@@ -132,14 +233,17 @@ def _told(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        if isinstance(error, FileExistsError) and error.filename == str(path):
-            raise LoggerError(f"{path} exists already; give a new --out directory") from error
-        cure = "give a writable --out directory"
-        if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
-            cure = f"free some space ({_room(path)}); what was flushed before stays readable"
-        raise LoggerError(
-            f"cannot write the log {path}: {error.strerror or error}; {cure}"
-        ) from error
+        raise told(path, error) from error
+
+
+def told(path: Path, error: OSError) -> LoggerError:
+    """The error that says what to do about ``error`` in writing ``path``."""
+    if isinstance(error, FileExistsError) and error.filename == str(path):
+        return LoggerError(f"{path} exists already; give a new --out directory")
+    cure = "give a writable --out directory"
+    if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+        cure = f"free some space ({_room(path)}); what was flushed before stays readable"
+    return LoggerError(f"cannot write the log {path}: {error.strerror or error}; {cure}")
 
 
 def _room(path: Path) -> str:

@@ -1,6 +1,8 @@
 """The queue keeps what fits and accounts for what does not."""
 
+from common.bus.codec import encode
 from common.bus.tap import RawSample
+from common.schemas import Gait, GaitRequest, Header
 from services.logger.intake import Intake
 
 
@@ -13,7 +15,8 @@ def test_everything_offered_is_taken_or_counted_as_dropped() -> None:
     accepted = [intake.offer(sample("a", 10, at)) for at in range(5)]
     assert accepted == [True, True, True, False, False]
     assert [one.arrival_ns for one in intake.take()] == [0, 1, 2]
-    assert intake.dropped() == {"a": 2}
+    assert intake.dropped == 2
+    assert intake.take_drops().report()["a"].dropped == 2
     assert intake.take() == []
 
 
@@ -24,4 +27,18 @@ def test_bytes_are_bounded_and_given_back() -> None:
     assert intake.offer(sample("small", 10))
     intake.take()
     assert intake.offer(sample("big", 90))
-    assert intake.dropped() == {"big": 1}
+    assert intake.take_drops().report()["big"].dropped == 1
+
+
+def test_the_numbers_of_what_is_dropped_are_kept_once() -> None:
+    intake = Intake(max_messages=2, max_bytes=10_000)
+    for seq in range(6):
+        payload = encode(
+            GaitRequest(request_id=seq, gait=Gait.FORWARD), Header(seq=seq, boot=7, source="t")
+        )
+        intake.offer(RawSample("draco3/teleop/gait", payload, "", seq))
+    drops = intake.take_drops()
+    count = drops.report()["draco3/teleop/gait"]
+    assert (count.sent, count.dropped, count.earlier, count.headerless) == (4, 4, 2, 0)
+    assert drops.streams() == {"draco3/teleop/gait": [("t", 7)]}
+    assert not intake.take_drops()

@@ -116,9 +116,10 @@ def test_stop_records_everything_and_accounts_for_it(
     assert not reader.truncated
     assert entries[-1].sequence == len(feed.sent_at) - 1
     count = reader.report["draco3/teleop/gait"]
-    assert (count.recorded, count.dropped, count.gaps) == (len(entries), 0, 0)
+    assert (count.recorded, count.dropped, count.lost) == (len(entries), 0, 0)
+    assert count.sent + count.earlier == feed.gaits.sent
     total = next(line for line in printed.splitlines() if line.startswith("total")).split()
-    assert int(total[1]) == sum(one.recorded for one in reader.report.values())
+    assert int(total[2]) == sum(one.recorded for one in reader.report.values())
     for entry in entries:
         assert entry.publish_time >= feed.sent_at[entry.sequence]
         assert entry.log_time >= entry.publish_time
