@@ -21,7 +21,6 @@ from common.runtime.service import Service
 from common.schemas import Message
 from common.tables import overlaid
 from common.topics import Topic
-from deploy.system import LOG_FILE
 from services.logger.config import LoggerConfig
 from services.logger.reader import LogReader
 from services.logger.sink import McapSink
@@ -44,6 +43,7 @@ class CheckOptions:
     """What to replay and how to judge it.
 
     Attributes:
+        services: names; empty: all that can be.
         life: number of the life of each service; None: all there are.
         tolerance: see :class:`~common.runtime.replay.ReplayRunner`.
         window: seconds since the life's first step between which outputs are compared.
@@ -52,17 +52,13 @@ class CheckOptions:
         verbose: let the services log.
     """
 
+    services: tuple[str, ...] = ()
     life: int | None = None
     tolerance: float = 0.0
     window: tuple[float, float] = (0.0, float("inf"))
     settings: Mapping[str, Any] = field(default_factory=dict)
     out: Path | None = None
     verbose: bool = False
-
-
-def log_path(given: Path) -> Path:
-    """The log itself, given it or its run's directory."""
-    return given / LOG_FILE if given.is_dir() else given
 
 
 def recorded(path: Path) -> Iterator[Recorded]:
@@ -178,7 +174,9 @@ def chosen(lives: Sequence[Life], services: Sequence[str], number: int | None) -
                 + (f"it has those of {names}" if names else "it has none at all")
             )
         if not wanted:
-            raise ConfigError(f"{service} has {len(of_service)} lives in the log, no life {number}")
+            raise ConfigError(
+                f"expected a life of {service} from 1 to {len(of_service)}, got {number}"
+            )
         found += wanted
     return found
 
