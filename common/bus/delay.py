@@ -19,15 +19,19 @@ Distributions: ``constant``; ``normal`` (mean, standard deviation, clamped at 0)
 ln(1 + sd²/mean²), mu = ln mean - sigma²/2); ``trace`` (recorded delays one after the other,
 starting over at the end). The correlated latent Gaussian is an Ornstein-Uhlenbeck process
 sampled at the arrivals: g_k = r g_{k-1} + sqrt(1 - r²) n_k with r = exp(-(t_k - t_{k-1}) / tau).
+
+The lines of a stereo pair's eyes are made ``by_time``: delay and loss of a frame depend on the seed
+and its capture time only (see :mod:`common.bus.draws`), so both eyes of a frame share them. A
+trace's entry is then chosen by the capture time as well, in steps of ``frame_ns``.
 """
 
 import heapq
 import math
-import random
 from collections import deque
 from dataclasses import dataclass
 from typing import Generic, NamedTuple, TypeVar
 
+from common.bus.draws import ByTime, Draws, Sequential
 from common.bus.linkspec import Distribution, LinkSpec
 
 T = TypeVar("T")
@@ -74,18 +78,24 @@ class DelayLine(Generic[T]):
     Not thread-safe. Times are any one monotonic clock [ns].
     """
 
-    def __init__(self, spec: LinkSpec, seed: int = 0) -> None:
-        """Create an empty line; ``seed`` is used unless the spec has its own."""
+    def __init__(self, spec: LinkSpec, seed: int = 0, frame_ns: int | None = None) -> None:
+        """Create an empty line.
+
+        Args:
+            spec: what to do.
+            seed: used unless the spec has its own.
+            frame_ns: time between frames of a stereo pair, whose halves are to be delayed alike;
+                None: an input by itself.
+        """
         self.spec = spec
+        self.by_time = frame_ns is not None
+        """Whether :meth:`push` wants the time of capture."""
+        self._frame_ns = frame_ns or 1
         chosen = spec.seed if spec.seed is not None else seed
-        # Apart from each other, so that a different loss leaves the delays as they were.
-        self._delays = random.Random(f"delay {chosen}")
-        self._losses = random.Random(f"loss {chosen}")
+        self._draws: Draws = ByTime(chosen) if self.by_time else Sequential(chosen)
         self._heap: list[tuple[int, int, int, T]] = []
         self._count = 0
         self._last_due = 0
-        self._latent: float | None = None
-        self._last_push = 0
         self._drawn = 0
         self._lost = 0
         self._held_back = 0
@@ -101,12 +111,16 @@ class DelayLine(Generic[T]):
     def __len__(self) -> int:
         return len(self._heap)
 
-    def push(self, item: T, now_ns: int) -> bool:
-        """Put in an item that arrived at ``now_ns``; False if it is lost."""
+    def push(self, item: T, now_ns: int, captured_ns: int | None = None) -> bool:
+        """Put in an item that arrived at ``now_ns``; False if it is lost.
+
+        ``captured_ns`` is what a line ``by_time`` draws by; None: the time of arrival.
+        """
         number = self._count
         self._count += 1
-        delay = self._draw(number, now_ns)
-        if self.spec.loss > 0.0 and self._losses.random() < self.spec.loss:
+        at_ns = captured_ns if self.by_time and captured_ns is not None else now_ns
+        delay = self._draw(at_ns // self._frame_ns if self.by_time else number, at_ns)
+        if self._draws.lost(at_ns, self.spec.loss):
             self._lost += 1
             return False
         self._drawn += delay
@@ -164,32 +178,21 @@ class DelayLine(Generic[T]):
             released=self._released,
         )
 
-    def _draw(self, number: int, now_ns: int) -> int:
-        """Draw the delay of message ``number`` [ns]."""
+    def _draw(self, number: int, at_ns: int) -> int:
+        """Draw the delay of message ``number``, arrived or captured at ``at_ns`` [ns]."""
         spec = self.spec
         if spec.distribution is Distribution.CONSTANT:
             seconds = spec.mean
         elif spec.distribution is Distribution.TRACE:
             seconds = spec.trace[number % len(spec.trace)]
         else:
-            gauss = self._gauss(now_ns)
+            gauss = self._draws.gauss(at_ns, spec.correlation)
             if spec.distribution is Distribution.NORMAL:
                 seconds = max(0.0, spec.mean + spec.sd * gauss)
             else:
-                mu, sigma = _lognormal_parameters(spec)
+                mu, sigma = lognormal_parameters(spec)
                 seconds = math.exp(mu + sigma * gauss)
         return round(seconds * 1e9)
-
-    def _gauss(self, now_ns: int) -> float:
-        """Draw the latent standard normal, correlated over time if so specified."""
-        fresh = self._delays.gauss(0.0, 1.0)
-        if self.spec.correlation > 0.0 and self._latent is not None:
-            elapsed = 1e-9 * (now_ns - self._last_push)
-            r = math.exp(-elapsed / self.spec.correlation)
-            fresh = r * self._latent + math.sqrt(1.0 - r * r) * fresh
-        self._latent = fresh
-        self._last_push = now_ns
-        return fresh
 
 
 def requested(spec: LinkSpec) -> tuple[float, float]:
@@ -202,13 +205,13 @@ def requested(spec: LinkSpec) -> tuple[float, float]:
     if spec.distribution is Distribution.NORMAL:
         return spec.mean, spec.mean + _Z99 * spec.sd
     if spec.distribution is Distribution.LOGNORMAL:
-        mu, sigma = _lognormal_parameters(spec)
+        mu, sigma = lognormal_parameters(spec)
         return spec.mean, math.exp(mu + _Z99 * sigma)
     ordered = sorted(spec.trace)
     return math.fsum(ordered) / len(ordered), ordered[math.ceil(0.99 * len(ordered)) - 1]
 
 
-def _lognormal_parameters(spec: LinkSpec) -> tuple[float, float]:
+def lognormal_parameters(spec: LinkSpec) -> tuple[float, float]:
     """Return mu and sigma of the delay's logarithm from its mean and standard deviation."""
     variance = math.log1p((spec.sd / spec.mean) ** 2)
     return math.log(spec.mean) - 0.5 * variance, math.sqrt(variance)

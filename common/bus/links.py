@@ -1,27 +1,39 @@
-"""Which links have a delay: topic × consumer, from a table, a variable or options."""
+"""Which links have a delay: from a configuration file, a variable or options.
+
+Names are those of :mod:`common.bus.linknames`. Who wins where several cover the same link:
+
+1. the later source: file, then ``TRILL_LINKS`` (or ``--latency``), then ``--link``, then what is
+   set while the system runs;
+2. within one source the more specific name: ``service:topic``, ``topic``, ``service:short-name``,
+   short name; ``camera`` before ``feedback`` before ``both``.
+"""
 
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Self
 
 from pydantic import ValidationError
 
-from common.bus.config import PORT_OFFSETS
+from common.bus.linknames import LinkName, family_of, parse_name
 from common.bus.linkspec import LinkSpec
 from common.errors import ConfigError, explain
-from common.topics import ALL_TOPICS
+
+LAYERS = ";;"
+"""Separates sources in ``TRILL_LINKS``; the later wins."""
+
+Layer = Mapping[LinkName, LinkSpec]
 
 
 @dataclass(frozen=True)
 class Links:
-    """Delays by topic name, for every consumer or, as ``service:topic``, for one."""
+    """Delays by name, in layers of which a later one wins over the earlier."""
 
-    table: Mapping[str, LinkSpec] = field(default_factory=dict)
+    layers: tuple[Layer, ...] = ()
 
     @classmethod
     def from_table(cls, table: Mapping[str, Any], also: Iterable[str] = ()) -> Self:
-        """Check a mapping of ``[service:]topic`` to a specification (string, table or object).
+        """Check a mapping of names to specifications (string, table or object): one layer.
 
         Args:
             table: the links.
@@ -29,38 +41,59 @@ class Links:
                 :data:`~common.bus.config.PORT_OFFSETS` does not name them.
 
         Raises:
-            ConfigError: a service or topic is unknown or a specification is wrong.
+            ConfigError: a name is unknown or a specification is wrong.
         """
-        services = {*PORT_OFFSETS, *also}
-        known = {topic.name for topic in ALL_TOPICS}
-        specs = {}
-        for key, value in table.items():
-            service, separator, topic = key.rpartition(":")
-            if separator and service not in services:
-                raise ConfigError(
-                    f"link {key!r}: no service {service!r}; expected one of "
-                    f"{', '.join(sorted(services))}"
-                )
-            if topic not in known:
-                raise ConfigError(
-                    f"link {key!r}: no topic {topic!r}; expected '[service:]topic' with one of "
-                    f"{', '.join(sorted(known))}"
-                )
-            try:
-                specs[key] = LinkSpec.model_validate(value)
-            except ValidationError as error:
-                raise ConfigError(f"link {key!r} is wrong: {explain(error)}") from error
-            except ConfigError as error:
-                raise ConfigError(f"link {key!r} is wrong: {error}") from error
-        return cls(specs)
+        also = tuple(also)
+        layer = {parse_name(key, also): checked_spec(key, value) for key, value in table.items()}
+        return cls((layer,) if layer else ())
+
+    @classmethod
+    def from_variable(cls, text: str, also: Iterable[str] = ()) -> Self:
+        """Read ``name=spec; name=spec``; parts separated by ``;;`` are layers.
+
+        Raises:
+            ConfigError: a part is not understood, a name unknown or a specification wrong.
+        """
+        links = cls()
+        for source in text.split(LAYERS):
+            parts = [part for part in source.split(";") if part.strip()]
+            links = links.under(cls.from_table(parse_link_options(parts), also))
+        return links
+
+    def under(self, later: "Links") -> Self:
+        """These links where ``later`` says nothing."""
+        return type(self)((*self.layers, *later.layers))
+
+    @property
+    def table(self) -> dict[str, LinkSpec]:
+        """Every entry by its name, of all layers."""
+        return {name.text: spec for layer in self.layers for name, spec in layer.items()}
 
     def of(self, service: str, topic: str) -> LinkSpec | None:
         """The delay on ``topic`` towards ``service``; None if there is none."""
-        return self.table.get(f"{service}:{topic}", self.table.get(topic))
+        for layer in reversed(self.layers):
+            meant = [name for name in layer if name.covers(service, topic)]
+            if meant:
+                return layer[max(meant, key=lambda name: name.rank)]
+        return None
+
+
+def checked_spec(name: str, value: Any) -> LinkSpec:
+    """Read a specification (string, table or object) for the link ``name``.
+
+    Raises:
+        ConfigError: it is wrong.
+    """
+    try:
+        return LinkSpec.model_validate(value)
+    except ValidationError as error:
+        raise ConfigError(f"link {name!r} is wrong: {explain(error)}") from error
+    except ConfigError as error:
+        raise ConfigError(f"link {name!r} is wrong: {error}") from error
 
 
 def parse_link_options(options: Iterable[str]) -> dict[str, str]:
-    """Split ``[service:]topic=spec`` texts.
+    """Split ``name=spec`` texts.
 
     Raises:
         ConfigError: a text has no ``=``.
@@ -69,11 +102,17 @@ def parse_link_options(options: Iterable[str]) -> dict[str, str]:
     for option in options:
         key, separator, spec = option.partition("=")
         if not separator or not key.strip():
-            raise ConfigError(f"link {option!r} not understood; expected '[service:]topic=spec'")
+            raise ConfigError(
+                f"link {option!r} not understood; expected '[service:]topic=spec' or "
+                "'command=spec' (camera, feedback, both)"
+            )
         table[key.strip()] = spec.strip()
     return table
 
 
 def link_seed(seed: int, service: str, topic: str) -> int:
-    """Derive a link's own seed, so that two links of one run do not jitter alike."""
-    return zlib.crc32(f"{seed} {service} {topic}".encode())
+    """Derive a link's own seed, so that two links of one run do not jitter alike.
+
+    The two eyes are halves of one link and have the same.
+    """
+    return zlib.crc32(f"{seed} {service} {family_of(topic)}".encode())

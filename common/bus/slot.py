@@ -150,7 +150,10 @@ class Slot:
             return False
         while raw:
             item = raw.popleft()
-            if not line.push(item, item.arrival_ns) and self._tools.journal is not None:
+            stamp = None
+            if line.by_time and (head := wire_header(item.payload)) is not None:
+                stamp = head.stamp or None
+            if not line.push(item, item.arrival_ns, stamp) and self._tools.journal is not None:
                 lost = item._replace(injected_ns=-1, arrival_ns=item.arrival_ns - 1)
                 header = wire_header(item.payload)
                 self._note(self._tools.journal, Take.LOST, header, lost, UNKNOWN, 0)

@@ -9,7 +9,7 @@ arguments::
     raise SystemExit(run_live(build, "wbc"))
 
 The configuration file is TOML and may serve the whole stack: ``[bus]`` (see
-:class:`common.bus.config.BusConfig`), ``[links]`` (topic or ``service:topic`` -> delay),
+:class:`common.bus.config.BusConfig`), ``[links]`` (see :mod:`common.bus.links`),
 ``[runtime]`` (see :class:`RuntimeConfig`) and one table per service, which is handed to the
 service's factory as ``arguments.settings``.
 """
@@ -96,8 +96,9 @@ def argument_parser(
         group.add_argument(
             "--link",
             action="append",
-            metavar="[SERVICE:]TOPIC=SPEC",
-            help="delay an input, e.g. 'camera/left=normal(122ms, 190ms) loss=1%%' [TRILL_LINKS]",
+            metavar="NAME=SPEC",
+            help="delay inputs: command, camera, feedback, both or a topic, e.g. "
+            "'camera=normal(122ms, 190ms) loss=1%%'; see trill latency --help [TRILL_LINKS]",
         )
     parser.set_defaults(link=[])
     if background:
@@ -131,10 +132,10 @@ def load_settings(
         },
         environment,
     )
-    variable = [part for part in environment.get("TRILL_LINKS", "").split(";") if part.strip()]
-    links = Links.from_table(
-        tables.get("links", {}) | parse_link_options(variable) | parse_link_options(arguments.link),
-        also=[name],
+    links = (
+        Links.from_table(tables.get("links", {}), also=[name])
+        .under(Links.from_variable(environment.get("TRILL_LINKS", ""), also=[name]))
+        .under(Links.from_table(parse_link_options(arguments.link), also=[name]))
     )
     runtime_values = dict(tables.get("runtime", {}))
     priority = environment.get("TRILL_RT_PRIORITY") or None

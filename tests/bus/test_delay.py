@@ -1,5 +1,6 @@
 """The delay line does what its link specification says, to the nanosecond, and says what it did."""
 
+import itertools
 import math
 import statistics
 
@@ -152,3 +153,79 @@ def test_trace_is_played_in_order_and_repeats() -> None:
 def test_empty_line_reports_zeros() -> None:
     stats = DelayLine[int](LinkSpec.parse("5ms")).stats()
     assert (stats.pushed, stats.achieved_p99, stats.requested_mean) == (0, 0.0, 0.005)
+
+
+FRAME = 50 * MS
+
+
+def eye(
+    text: str, frames: list[int], skew_ns: int = 0, seed: int = 5
+) -> tuple[dict[int, int], DelayStats]:
+    """Push the frames of those numbers through one eye's line; delay by frame."""
+    line: DelayLine[int] = DelayLine(LinkSpec.parse(text), seed, frame_ns=FRAME)
+    delays = {}
+    for number in frames:
+        now = number * FRAME + skew_ns
+        delays |= {item: injected for _, injected, item in line.pop(now)}
+        line.push(number, now, captured_ns=number * FRAME + 1)
+    delays |= {item: injected for _, injected, item in line.pop(2**62)}
+    return delays, line.stats()
+
+
+@pytest.mark.parametrize("jitter", ["lognormal(122ms, 90ms)", "normal(122ms, 60ms) corr=500ms"])
+def test_both_eyes_share_delay_and_loss_of_a_frame(jitter: str) -> None:
+    text = f"{jitter} order=free loss=20%"
+    left, _ = eye(text, list(range(1000)))
+    # The other eye comes a little later, starts later and misses frames.
+    seen = [number for number in range(300, 1000) if number % 7]
+    right, _ = eye(text, seen, skew_ns=3 * MS)
+    assert {number: left[number] for number in left if number in set(seen)} == right
+    assert 430 < len(right) < 530
+    assert eye(text, seen, seed=6)[0] != right
+
+
+def test_held_back_eyes_stay_together() -> None:
+    text = "normal(122ms, 90ms)"
+    left, stats = eye(text, list(range(2000)))
+    right, _ = eye(text, list(range(2000)), skew_ns=3 * MS)
+    assert stats.held_back > 500
+    assert max(abs(left[number] - right[number]) for number in left) <= 3 * MS
+
+
+def test_drawing_by_time_has_the_requested_moments_and_correlation() -> None:
+    delays, _ = eye("normal(250ms, 20ms) corr=2s", list(range(20_000)))
+    ordered = [1e-9 * delays[number] for number in range(20_000)]
+    # 1000 s of a process with a time constant of 2 s: about 250 independent draws.
+    assert statistics.fmean(ordered) == pytest.approx(0.250, abs=0.006)
+    assert statistics.stdev(ordered) == pytest.approx(0.020, abs=0.003)
+    pairs = list(zip(ordered, ordered[10:], strict=False))  # 0.5 s
+    assert statistics.correlation(*zip(*pairs, strict=True)) == pytest.approx(
+        math.exp(-0.5 / 2.0), abs=0.08
+    )
+    free, _ = eye("normal(250ms, 20ms) order=free", list(range(5000)))
+    alone = [1e-9 * delay for delay in free.values()]
+    assert statistics.fmean(alone) == pytest.approx(0.250, abs=0.0012)
+    assert statistics.stdev(alone) == pytest.approx(0.020, abs=0.001)
+    following = list(itertools.pairwise(alone))
+    assert abs(statistics.correlation(*zip(*following, strict=True))) < 0.06
+
+
+def test_trace_of_frames_goes_by_capture_time() -> None:
+    spec = LinkSpec.model_validate({"distribution": "trace", "trace": [0.01, 0.03, 0.02]})
+    line: DelayLine[int] = DelayLine(spec, 0, frame_ns=FRAME)
+    for number in (0, 1, 4, 5):
+        line.push(number, number * FRAME, captured_ns=number * FRAME)
+    delays = {item: injected // MS for _, injected, item in line.pop(2**62)}
+    assert delays == {0: 10, 1: 30, 4: 30, 5: 20}
+
+
+def test_adopted_messages_keep_their_times_and_stay_in_front() -> None:
+    old: DelayLine[str] = DelayLine(LinkSpec.parse("100ms"))
+    old.push("a", 0)
+    old.push("b", 10 * MS)
+    new: DelayLine[str] = DelayLine(LinkSpec.parse("5ms"))
+    new.adopt(old)
+    new.push("c", 20 * MS)
+    assert new.pop(109 * MS) == [Released(100 * MS, 100 * MS, "a")]
+    assert [item for _, _, item in new.pop(110 * MS)] == ["b", "c"]
+    assert (new.stats().pushed, new.stats().released) == (1, 1)
