@@ -1,17 +1,16 @@
 """``trill``: one command for everything a person does with the system."""
 
 import argparse
-import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from deploy import replay_cli
+from deploy import logs_cli, replay_cli
 from deploy.launch import Ended
 from deploy.process import Restart
-from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of, new_run_dir
+from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of
 
 EPILOG = """Each command explains itself: trill demo --help. A run leaves its files in
 runs/<date-time>/: log.mcap (every message), summary.json, contact_sheet.png, video.mp4 and the
@@ -55,12 +54,6 @@ UP_EXAMPLES = """examples:
   trill up --no-record                leaves nothing but the services' own output
   python -m services.teleop scripted --script gaits --gait turn_left      in another terminal
   python -m services.teleop keyboard
-"""
-RECORD = """Record everything on a running system's bus until Ctrl-C, and nothing else: the logger
-listens and publishes only its own health. `trill report` makes the summary and the pictures."""
-RECORD_EXAMPLES = """examples:
-  trill record
-  trill record --out logs/friday --base-port 7464
 """
 REPORT = """Sum up a recorded run again from its log.mcap: writes summary.json and contact_sheet.png
 (and, with --video, video.mp4) into its directory and prints the report. Works on logs cut off by a
@@ -219,28 +212,6 @@ def _top(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _record_arguments(parser: argparse.ArgumentParser) -> None:
-    _bus(parser, "of the system to record (7448, or TRILL_BASE_PORT)")
-    parser.add_argument("--robot", help="its name (draco3, or TRILL_ROBOT)")
-    parser.add_argument("--out", type=Path, help="directory for log.mcap (a new one in runs/)")
-
-
-def _record(arguments: argparse.Namespace) -> int:
-    # First, so that a wrong option leaves no empty directory.
-    bus_of(arguments.base_port, arguments.config, arguments.robot)
-    out = arguments.out or new_run_dir()
-    options = {
-        "--config": arguments.config,
-        "--robot": arguments.robot,
-        "--base-port": arguments.base_port,
-        "--out": out,
-    }
-    given = [text for name, value in options.items() if value for text in (name, str(value))]
-    # In place of this process, so that Ctrl-C and kill reach the logger itself.
-    sys.stdout.flush()
-    os.execv(sys.executable, [sys.executable, "-m", "services.logger", *given])
-
-
 def _report_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "run", type=Path, help=f"the run's directory, in {RUNS}/ as a rule, or its log"
@@ -280,14 +251,7 @@ COMMANDS = (
     ),
     _Command("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
     _Command("top", "live table of a running system", TOP, TOP_EXAMPLES, _top_arguments, _top),
-    _Command(
-        "record",
-        "only record a running system",
-        RECORD,
-        RECORD_EXAMPLES,
-        _record_arguments,
-        _record,
-    ),
+    *(_Command(*entry) for entry in logs_cli.ENTRIES),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
     ),

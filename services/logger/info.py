@@ -16,6 +16,7 @@ from services.logger.episodes import COMPLETE, DISCARDED, Episode, EpisodeBook, 
 from services.logger.errors import LoggerError
 from services.logger.index import LogIndex, read_index
 from services.logger.parts import existing_parts
+from services.logger.replace import is_locked
 from services.logger.restored import Restored
 from services.logger.salvage import records_of
 from services.logger.sink import (
@@ -36,6 +37,8 @@ class PartInfo:
     messages: int
     whole: bool
     repaired: bool
+    open: bool
+    """Whether it is being recorded, or repaired, at this moment."""
     start_ns: int
     end_ns: int
     origin: dict[str, str]
@@ -156,6 +159,7 @@ def _part(index: LogIndex) -> PartInfo:
         messages=index.counts.total(),
         whole=index.whole,
         repaired=bool(index.named(REPAIR_METADATA)),
+        open=not index.whole and is_locked(index.path),
         start_ns=index.start_ns,
         end_ns=index.end_ns,
         origin=origins[0] if origins else {},

@@ -31,6 +31,15 @@ def locked(path: Path) -> Iterator[None]:
         yield
 
 
+def is_locked(path: Path) -> bool:
+    """Whether a recorder or a repair is at work on ``path`` at this moment."""
+    try:
+        with locked(path):
+            return False
+    except LoggerError:
+        return True
+
+
 @contextlib.contextmanager
 def tidy(beside: Path, target: Path) -> Iterator[None]:
     """Leave nothing half written behind, and say what to do about a disk that is full."""
