@@ -188,31 +188,42 @@ class Journal:
         self._payloads = []
 
 
-def stage_times(rows: Table) -> list[StageTime]:
-    """Sum up messages' ways.
+def stage_durations(rows: Table) -> dict[str, Table]:
+    """Time each message spent in each stage of its way [ns].
 
     Args:
         rows: (n, 9) captured, sent, encode, arrival, injected, offset, decode, step's start,
-            results sent [ns]; n > 0.
+            results sent [ns].
 
     Returns:
-        the stages in their order; without ``wire`` and ``total`` if the offset is not known.
+        (n,) by stage, in the stages' order; of ``wire`` and ``total`` only those whose offset is
+        known.
     """
     captured, sent, encode, arrival, injected, offset, decode, begun, used = rows.T
-    stages = {"capture": sent - encode - captured, "encode": encode}
     known = offset != UNKNOWN
-    if known.any():
-        stages["wire"] = (arrival - sent - offset)[known]
-    stages |= {
+    return {
+        "capture": sent - encode - captured,
+        "encode": encode,
+        "wire": (arrival - sent - offset)[known],
         "injected": injected,
         "queue": begun - arrival - injected,
         "decode": decode,
         "use": used - begun,
+        "total": (used - captured - offset)[known],
     }
-    if known.any():
-        stages["total"] = (used - captured - offset)[known]
-    names: list[Any] = list(stages)
-    return [StageTime(stage=name, **_spread(stages[name])) for name in names]
+
+
+def stage_times(rows: Table) -> list[StageTime]:
+    """Sum up messages' ways.
+
+    Args:
+        rows: as :func:`stage_durations` takes them.
+
+    Returns:
+        the stages of which there is any, in their order.
+    """
+    stages: dict[Any, Table] = dict(stage_durations(rows))
+    return [StageTime(stage=name, **_spread(some)) for name, some in stages.items() if len(some)]
 
 
 def read_tables(journal: StepJournal) -> tuple[Table, Table]:
