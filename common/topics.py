@@ -24,9 +24,11 @@ from common.schemas import (
     PlantRequest,
     PlantState,
     PlantStatus,
+    SceneState,
     ServiceHealth,
     Setpoint,
     StepJournal,
+    TaskStatus,
 )
 
 M_co = TypeVar("M_co", bound=Message, covariant=True)
@@ -98,6 +100,8 @@ JOURNAL = Topic(
 LINK_CHANGE = Topic(
     "link", LinkChange, 0.0, delivery=_EVENT, per_source=True, doc="injected delay in force"
 )
+TASK_STATUS = Topic("task/status", TaskStatus, 10.0, 0.5, doc="verdict of the task, at changes too")
+TASK_SCENE = Topic("task/scene", SceneState, 50.0, 0.2, doc="where the task's objects are")
 EPISODE = Topic("episode", EpisodeMark, 0.0, delivery=_EVENT, doc="start and end of episodes")
 
 ALL_TOPICS: tuple[Topic[Message], ...] = (
@@ -119,6 +123,8 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     JOURNAL,
     LINK_CHANGE,
     EPISODE,
+    TASK_STATUS,
+    TASK_SCENE,
 )
 """Every topic there is."""
 

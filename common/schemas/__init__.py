@@ -23,6 +23,15 @@ from common.schemas.plant import (
     PlantState,
     PlantStatus,
 )
+from common.schemas.task import (
+    SceneJoint,
+    ScenePose,
+    SceneState,
+    TaskStage,
+    TaskStatus,
+    TaskVerdict,
+    UndesiredContact,
+)
 from common.schemas.wbc import ControllerState, ControlState, GaitOutcome, GaitReply
 
 __all__ = [
@@ -50,9 +59,16 @@ __all__ = [
     "PlantRequest",
     "PlantState",
     "PlantStatus",
+    "SceneJoint",
+    "ScenePose",
+    "SceneState",
     "ServiceHealth",
     "Setpoint",
     "StageTime",
     "StepJournal",
     "Stream",
+    "TaskStage",
+    "TaskStatus",
+    "TaskVerdict",
+    "UndesiredContact",
 ]

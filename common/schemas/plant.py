@@ -92,6 +92,9 @@ class PlantRequest(Message):
         description="for PUSH: on the torso, in world [N]",
     )
     duration: float = Field(default=0.1, gt=0.0, le=5.0, description="for PUSH [s]")
+    seed: int = Field(
+        default=-1, ge=-1, description="for RESET: of the new start; -1 takes the next one"
+    )
 
 
 class Estop(Message):

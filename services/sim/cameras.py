@@ -22,7 +22,8 @@ from services.sim.config import validated
 from services.sim.offscreen import Image, Offscreen, fixed_camera
 from services.sim.pose import show_state
 from services.sim.scenes import SCENES
-from services.sim.world import FLOOR_GEOM, KEY_LIGHT, build_model, find_addresses
+from services.sim.scenes.parts import KEY_LIGHT
+from services.sim.world import FLOOR_GEOM, build_model, find_addresses
 
 _NICENESS = 10
 DESCRIPTION = """The robot's eyes: renders the plant's ground truth as a stereo pair and publishes

@@ -21,12 +21,9 @@ from common.robot.joints import (
 from services.sim.config import PHYSICS_RATE
 from services.sim.errors import SceneError
 from services.sim.scenes import find_scene
+from services.sim.scenes.parts import KEY_LIGHT, LOOKS_GROUP
 
 FLOOR_GEOM = "floor"
-LOOKS_GROUP = 2
-"""Geoms of this group have neither mass nor contacts: they only look."""
-KEY_LIGHT = "key"
-"""The light that casts shadows."""
 IMPRATIO = 20.0
 """Ratio of frictional to normal constraint impedance: feet and grasps creep without it."""
 

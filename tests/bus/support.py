@@ -94,7 +94,9 @@ def examples() -> list[Message]:
             saturated_fraction=0.25,
             late_steps=9,
         ),
-        schemas.PlantRequest(action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2),
+        schemas.PlantRequest(
+            action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2, seed=5
+        ),
         schemas.Estop(reason="größer ⚠"),
         schemas.JointCommand(
             position=JOINTS,
@@ -149,6 +151,26 @@ def examples() -> list[Message]:
             service="wbc", topic="teleop/setpoint", link="250ms", previous="20ms", reason="request"
         ),
         schemas.EpisodeMark(episode=3, action=schemas.EpisodeAction.END, label="door"),
+        schemas.TaskStatus(
+            task="door/unlock",
+            seed=7,
+            time=3.5,
+            limit=20.0,
+            verdict=schemas.TaskVerdict.PARTIAL,
+            reason="the goal, but left wrist on jamb",
+            stages=[schemas.TaskStage(name="lever pressed", done=True)],
+            undesired=[schemas.UndesiredContact(name="left wrist on jamb", since=2.5, peak=44.0)],
+            reset_count=2,
+        ),
+        schemas.SceneState(
+            scene="door",
+            task="door/unlock",
+            objects=[schemas.ScenePose(name="lever", position=VECTOR, quaternion=QUATERNION)],
+            joints=[schemas.SceneJoint(name="door_hinge", position=0.1)],
+            marks=[schemas.ScenePose(name="goal", position=-VECTOR, quaternion=QUATERNION)],
+            qpos=[0.1, 0.2],
+            reset_count=2,
+        ),
     ]
 
 

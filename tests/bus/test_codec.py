@@ -46,7 +46,8 @@ def test_round_trip_is_exact(message: Message) -> None:
             assert got.tobytes() == sent.tobytes()
             assert not got.flags.writeable
         else:
-            assert got == sent
+            # Dumped: parts of a message may hold arrays, which have no plain equality.
+            assert back.model_dump(include={name}) == message.model_dump(include={name})
             assert type(got) is type(sent)
 
 

@@ -1,0 +1,139 @@
+"""Building blocks of the scenes: what can be touched, what only looks, and materials."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import mujoco
+
+LOOKS_GROUP = 2
+"""Geoms of this group have neither mass nor contacts: they only look."""
+KEY_LIGHT = "key"
+"""The light that casts shadows."""
+SOLID_GROUP = 1
+"""Visible geoms that can be touched; bodies get their masses explicitly."""
+
+_SHAPES = {
+    "box": mujoco.mjtGeom.mjGEOM_BOX,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
+    "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+}
+
+Numbers = Sequence[float]
+
+
+def add_materials(spec: Any, colours: dict[str, Numbers]) -> None:
+    """Add a material per name: (r, g, b, gloss 0..1)."""
+    for name, (red, green, blue, gloss) in colours.items():
+        spec.add_material(
+            name=name, rgba=[red, green, blue, 1.0], specular=gloss, shininess=gloss, reflectance=0.0
+        )
+
+
+def solid(
+    body: Any,
+    name: str,
+    shape: str,
+    size: Numbers,
+    pos: Numbers = (0.0, 0.0, 0.0),
+    material: str = "",
+    **options: Any,
+) -> Any:
+    """Add a visible shape that collides; ``name`` is ``<thing>.<part>``.
+
+    Args:
+        body: of the spec.
+        name: unique.
+        shape: ``box``, ``capsule``, ``cylinder``, ``sphere`` or ``ellipsoid``.
+        size: MuJoCo half sizes [m].
+        pos: centre in the body [m].
+        material: its name.
+        **options: further attributes of the geom.
+    """
+    return body.add_geom(
+        name=name,
+        type=_SHAPES[shape],
+        size=_three(size),
+        pos=list(pos),
+        material=material,
+        density=0.0,
+        group=SOLID_GROUP,
+        condim=3,
+        **{key: _plain(value) for key, value in options.items()},
+    )
+
+
+def look(
+    body: Any,
+    shape: str,
+    size: Numbers,
+    pos: Numbers = (0.0, 0.0, 0.0),
+    material: str = "",
+    **options: Any,
+) -> Any:
+    """Add a shape that only looks; arguments as in :func:`solid`."""
+    return body.add_geom(
+        type=_SHAPES[shape],
+        size=_three(size),
+        pos=list(pos),
+        material=material,
+        density=0.0,
+        group=LOOKS_GROUP,
+        contype=0,
+        conaffinity=0,
+        **{key: _plain(value) for key, value in options.items()},
+    )
+
+
+def set_mass(body: Any, mass: float, inertia: Numbers, centre: Numbers = (0.0, 0.0, 0.0)) -> None:
+    """Give ``body`` its mass [kg], principal inertia [kg·m²] and centre of mass [m]."""
+    body.explicitinertial = True
+    body.mass = mass
+    body.inertia = list(inertia)
+    body.ipos = list(centre)
+
+
+def box_inertia(mass: float, half: Numbers) -> list[float]:
+    """Principal inertia [kg·m²] of a homogeneous box of these half sizes [m]."""
+    x, y, z = (4.0 * side * side for side in half)
+    return [mass * (y + z) / 12.0, mass * (x + z) / 12.0, mass * (x + y) / 12.0]
+
+
+def add_walls(
+    spec: Any, boxes: dict[str, tuple[Numbers, Numbers]], material: str = "wall"
+) -> None:
+    """Add fixed boxes ``name: (half sizes, centre)`` to the world."""
+    for name, (size, pos) in boxes.items():
+        solid(spec.worldbody, name, "box", size, pos, material)
+
+
+def light_from(spec: Any, pos: Numbers, target: Numbers) -> None:
+    """Let the light that casts shadows come from ``pos`` and shine at ``target``.
+
+    Both are relative to the robot, which it follows; for scenes that are seen from its side.
+    """
+    aim = [there - here for here, there in zip(pos, target, strict=True)]
+    length = sum(value * value for value in aim) ** 0.5
+    key = spec.light(KEY_LIGHT)
+    key.pos, key.dir = list(pos), [value / length for value in aim]
+
+
+def add_glow(spec: Any, pos: Numbers, strength: float = 0.25) -> None:
+    """Add a light without shadows at ``pos`` in the world, shining at the origin."""
+    spec.worldbody.add_light(
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=list(pos),
+        dir=[-value for value in pos],
+        diffuse=[strength] * 3,
+        specular=[0.0, 0.0, 0.0],
+        castshadow=False,
+    )
+
+
+def _three(size: Numbers) -> list[float]:
+    return [*size, 0.0, 0.0][:3]
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
