@@ -88,15 +88,22 @@ def build(life: Life, settings: Mapping[str, Any] | None = None) -> Service:
     """Build the service of a life again.
 
     Args:
-        life: one of :func:`lives_in` without an obstacle.
+        life: one of :func:`lives_in`.
         settings: laid over those recorded.
 
     Raises:
-        ConfigError: the settings do not fit this version of the service.
+        ConfigError: there is something in the way of a replay, or the settings do not fit this
+            version of the service.
     """
+    if life.obstacle:
+        raise ConfigError(f"it cannot be replayed: {life.obstacle}")
     module, _, name = SERVICES[life.service].partition(":")
     kind: type[Service] = getattr(importlib.import_module(module), name)
-    return kind.from_settings(overlaid(json.loads(life.settings), settings or {}))
+    try:
+        recorded_settings = json.loads(life.settings)
+    except json.JSONDecodeError as error:
+        raise ConfigError(f"the recorded settings are no JSON: {error}") from error
+    return kind.from_settings(overlaid(recorded_settings, settings or {}))
 
 
 class Checker:
