@@ -24,6 +24,7 @@ from common.runtime.aides import Aide, Place
 from common.runtime.clocks import Clocks
 from common.runtime.heartbeats import Heartbeats
 from common.runtime.journaling import Journaling
+from common.runtime.linkaide import LinkAide
 from common.runtime.loopstats import LoopStats
 from common.runtime.pacing import ClockPace, TriggerPace
 from common.runtime.realtime import DEFAULT_PRIORITY
@@ -106,6 +107,7 @@ class LiveRunner:
             Heartbeats(
                 clocks, lambda: self._stats.steps, service.period_ns, service.heartbeat_promise_s
             ),
+            LinkAide(service.name, self._links),
         )
         self.inbox = Inbox(
             service.reads,

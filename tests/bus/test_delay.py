@@ -163,7 +163,7 @@ def eye(
 ) -> tuple[dict[int, int], DelayStats]:
     """Push the frames of those numbers through one eye's line; delay by frame."""
     line: DelayLine[int] = DelayLine(LinkSpec.parse(text), seed, frame_ns=FRAME)
-    delays = {}
+    delays: dict[int, int] = {}
     for number in frames:
         now = number * FRAME + skew_ns
         delays |= {item: injected for _, injected, item in line.pop(now)}
