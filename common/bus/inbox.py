@@ -257,6 +257,8 @@ class Inbox:
         slot = self._slots[topic_name]
         if spec is None and slot.line is None:
             return
+        # What has arrived already belongs to the old link, though no step has looked at it yet.
+        slot.release(-1)
         slot.set_line(self._line(slot.topic, spec or LinkSpec()))
         self._linked = tuple(slot for slot in self._all if slot.line is not None)
 

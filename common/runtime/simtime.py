@@ -28,8 +28,9 @@ from common.bus.tap import RawSample
 from common.errors import TrillError
 from common.runtime.journaling import PERIOD_NS as JOURNAL_PERIOD_NS
 from common.runtime.service import Service
-from common.schemas import Message
-from common.topics import JOURNAL, Topic
+from common.runtime.simlinks import SimLinks
+from common.schemas import LinkChange, Message
+from common.topics import JOURNAL, LINK_CHANGE, Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -69,7 +70,7 @@ class SimTimeRunner:
         Args:
             services: what to run; their order decides at equal times.
             seed: of boot ids and of links without their own seed.
-            links: delays by ``topic`` or ``service:topic``.
+            links: delays by name, see :mod:`common.bus.links`.
             offsets_ns: time of the first step by service name; 0 where not named.
             robot: first part of the keys in the record.
             record: keep every message in :attr:`log`, also those nobody reads.
@@ -86,6 +87,8 @@ class SimTimeRunner:
         self._journal = record if journal is None else journal
         names = [service.name for service in services]
         self._links = links if isinstance(links, Links) else Links.from_table(links or {}, names)
+        self._set_links = SimLinks(self._links)
+        self._untold: list[LinkChange] = []
         self._now = 0
         self.log: list[RawSample] = []
         """Every message so far, if recording."""
@@ -116,6 +119,7 @@ class SimTimeRunner:
 
     def run_until(self, t_ns: int) -> None:
         """Run every step due before ``t_ns``; the clock then stands at ``t_ns``."""
+        self._tell_links()
         queue = self._queue
         while queue and queue[0][0] < t_ns:
             due, order, host = queue[0]
@@ -144,6 +148,29 @@ class SimTimeRunner:
             stamper = self._stamper(source, 0)
             self._injectors[source, topic.name] = stamper
         self._send(stamper, source, topic, message, None)
+
+    def set_link(
+        self, name: str, spec: str | LinkSpec | None, service: str | None = None
+    ) -> list[LinkChange]:
+        """Change links from now on, as ``trill latency set`` does; None: no delay any more.
+
+        Args:
+            name: a topic or a short name, see :mod:`common.bus.linknames`.
+            spec: what to inject.
+            service: the only consumer meant; None: every one.
+
+        Returns:
+            each change made, as it was published.
+
+        Raises:
+            ConfigError: name or specification is wrong.
+            TrillError: no service reads what is named.
+        """
+        inboxes = {host.service.name: host.inbox for host in self._hosts.values()}
+        changes = self._set_links.set(name, spec, inboxes, service)
+        self._untold += changes
+        self._tell_links()
+        return changes
 
     def pause_service(self, name: str) -> None:
         """Stop stepping a service, as if its process were stopped; its inbox still fills."""
@@ -253,6 +280,12 @@ class SimTimeRunner:
         for tap in taps:
             tap(decode(payload, topic.schema))
 
+    def _tell_links(self) -> None:
+        """Publish what has not been told of links."""
+        untold, self._untold = self._untold, []
+        for change in untold:
+            self._publish(self._host(change.service), LINK_CHANGE, change)
+
     def _wanted(self, topic: Topic[Any]) -> bool:
         """Whether anything would come of a message of ``topic``."""
         name = topic.name
@@ -273,7 +306,8 @@ class SimTimeRunner:
             seed=self._seed,
             tools=SlotTools(journal=host.journal),
         )
-        writes = (*service.writes, JOURNAL) if self._journal else service.writes
+        self._untold += self._set_links.begin(service.name, host.inbox)
+        writes = (*service.writes, LINK_CHANGE, *((JOURNAL,) if self._journal else ()))
         host.stampers = {t.name: self._stamper(service.name, host.lives) for t in writes}
 
     def _connect(self) -> None:
