@@ -10,6 +10,9 @@ import zenoh
 
 from common.bus.session import tag_of
 
+TRANSPORT_QUEUE = 4096
+"""Samples that wait outside the interpreter, so that its being busy costs no message."""
+
 
 class RawSample(NamedTuple):
     """One message as it crossed the bus."""
@@ -50,8 +53,9 @@ class RawTap:
             maxlen: bounds the samples that wait to be drained.
             clock: gives the time of arrival [ns].
             max_bytes: bounds their payloads.
-            deliver: called with each sample in the transport's thread, instead of queueing it;
-                must return at once.
+            deliver: called with each sample in a thread of the tap, instead of queueing it; must
+                return at once. That thread may be kept from running for a while: samples wait
+                for it in the transport, up to :data:`TRANSPORT_QUEUE` of them.
             expressions: key expressions to listen to instead of ``<robot>/**``; may overlap.
             accept: says of a key, once, whether its messages are wanted; None: all are.
         """
@@ -65,10 +69,12 @@ class RawTap:
         self._maxlen = maxlen
         self._max_bytes = max_bytes
         self._clock = clock
+        self._delivers = deliver is not None
         self._deliver = deliver or self._enqueue
         self._accept = accept
         self._expressions: list[Any] = []
         self._subscribers: list[Any] = []
+        self._readers: list[threading.Thread] = []
         for expression in expressions if expressions is not None else [f"{robot}/**"]:
             self.listen(expression)
 
@@ -84,11 +90,18 @@ class RawTap:
             return
         before = tuple(self._expressions)
         self._expressions.append(wanted)
-        self._subscribers.append(
-            self._session.declare_subscriber(
-                wanted, self._receiver(before), allowed_origin=zenoh.Locality.REMOTE
-            )
+        receive = self._receiver(before)
+        handler: Any = zenoh.handlers.FifoChannel(TRANSPORT_QUEUE) if self._delivers else receive
+        subscriber: Any = self._session.declare_subscriber(
+            wanted, handler, allowed_origin=zenoh.Locality.REMOTE
         )
+        self._subscribers.append(subscriber)
+        if self._delivers:
+            reader = threading.Thread(
+                target=_read, args=(subscriber, receive), name="tap", daemon=True
+            )
+            reader.start()
+            self._readers.append(reader)
 
     def drain(self) -> list[RawSample]:
         """Take out everything collected so far, oldest first."""
@@ -103,6 +116,9 @@ class RawTap:
         for subscriber in self._subscribers:
             subscriber.undeclare()
         self._subscribers.clear()
+        for reader in self._readers:
+            reader.join()
+        self._readers.clear()
 
     def _receiver(self, before: tuple[Any, ...]) -> Callable[[Any], None]:
         """Return a callback that passes on what no expression of ``before`` matches."""
@@ -137,3 +153,9 @@ class RawTap:
                 oldest = queue.popleft()
                 self._waiting_bytes -= len(oldest.payload)
                 self.dropped_by_key[oldest.key] += 1
+
+
+def _read(subscriber: Any, receive: Callable[[Any], None]) -> None:
+    """Pass on what comes, until the subscriber is withdrawn."""
+    for sample in subscriber:
+        receive(sample)
