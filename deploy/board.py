@@ -11,21 +11,24 @@ from math import inf
 from typing import Any, TypeVar
 
 from common.bus.codec import decode
-from common.bus.keys import topic_of
+from common.bus.keys import key_of, topic_of
 from common.bus.sequence import SequenceTracker
 from common.bus.tap import RawSample
 from common.bus.wire import wire_header
 from common.errors import SchemaError
 from common.schemas import (
     ControllerState,
+    LinkHealth,
     Message,
     OperatorStatus,
+    PeerHealth,
     PlantStatus,
     ServiceHealth,
 )
 from common.topics import (
     ALL_TOPICS,
     HEALTH,
+    HEARTBEAT,
     PLANT_STATUS,
     TELEOP_STATUS,
     WBC_STATE,
@@ -36,14 +39,16 @@ from common.topics import (
 WINDOW = 2.0
 """Rates are over this long [s]."""
 DEAD_AFTER = 3.0
-"""A service whose health was not heard for this long is called silent [s]."""
+"""A service without a heartbeat whose health was not heard for this long is called silent [s]."""
+PATIENCE = 3.0
+"""Promises of silence after which one with a heartbeat is; the table is no real-time watcher."""
 
 M = TypeVar("M", bound=Message)
 
 
 @dataclass(frozen=True)
 class TopicRow:
-    """One topic as the monitor sees it; ``refused`` is what its readers report."""
+    """One topic as the monitor sees it; the last two are the sums of what its readers report."""
 
     name: str
     rate: float
@@ -51,21 +56,68 @@ class TopicRow:
     age: float
     messages: int
     gaps: int
-    refused: int
+    late: int
+    repeated: int
     stale: bool
+    too_old: int
+    refused: int
+
+    @property
+    def troubled(self) -> bool:
+        """Whether there is something to see."""
+        counts = (self.gaps, self.late, self.repeated, self.too_old, self.refused)
+        return self.stale or any(counts)
 
 
 @dataclass(frozen=True)
 class ServiceRow:
-    """One service, from its last health message."""
+    """One service, from its last health message and its heartbeat."""
 
     health: ServiceHealth
     age: float
+    """Since its health was heard [s]."""
+    beat: float | None = None
+    """Since its heartbeat was heard [s]; None: it has none."""
+    promise: float = 0.0
+    """Silence of it that means death [s]."""
+
+    @property
+    def silent(self) -> float:
+        """Since its last sign of life [s]."""
+        return self.age if self.beat is None else self.beat
 
     @property
     def alive(self) -> bool:
-        """Whether its health was heard lately."""
-        return self.age <= DEAD_AFTER
+        """Whether it gave a sign of life lately."""
+        patience = DEAD_AFTER if self.beat is None else PATIENCE * self.promise
+        return self.silent <= patience
+
+    @property
+    def put_errors(self) -> int:
+        """Messages the transport refused to take from it."""
+        return sum(output.errors for output in self.health.outputs)
+
+
+@dataclass(frozen=True)
+class InputRow:
+    """One input of a service that lives."""
+
+    consumer: str
+    health: LinkHealth
+
+
+@dataclass(frozen=True)
+class PeerRow:
+    """One service as another one sees it."""
+
+    seen_by: str
+    peer: PeerHealth
+
+    @property
+    def notable(self) -> bool:
+        """Whether it is gone, or goes by another clock or one that is not known."""
+        gone = not self.peer.alive and self.peer.silent >= 0.0
+        return gone or self.peer.clock_error != 0.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +129,37 @@ class View:
     control: ControllerState | None = None
     plant: PlantStatus | None = None
     operator: OperatorStatus | None = None
+
+    @property
+    def inputs(self) -> tuple[InputRow, ...]:
+        """Inputs of all services that are alive."""
+        alive = (service for service in self.services if service.alive)
+        return tuple(
+            InputRow(service.health.service, link)
+            for service in alive
+            for link in service.health.links
+        )
+
+    @property
+    def ledger(self) -> tuple[InputRow, ...]:
+        """Those that took in something during the last seconds."""
+        return tuple(row for row in self.inputs if row.health.stages)
+
+    @property
+    def links(self) -> tuple[InputRow, ...]:
+        """Those in front of which a delay is injected."""
+        return tuple(row for row in self.inputs if row.health.link)
+
+    @property
+    def peers(self) -> tuple[PeerRow, ...]:
+        """What is notable about others' life and clocks."""
+        rows = (
+            PeerRow(service.health.service, peer)
+            for service in self.services
+            if service.alive
+            for peer in service.health.peers
+        )
+        return tuple(row for row in rows if row.notable)
 
 
 @dataclass
@@ -124,7 +207,7 @@ class Board:
     def view(self, now_ns: int) -> View:
         """What there is to show at monotonic time ``now_ns``."""
         services = tuple(
-            ServiceRow(health, account.age(now_ns))
+            self._service(health, account.age(now_ns), now_ns)
             for _, account in sorted(self._accounts.get(HEALTH.name, {}).items())
             if (health := _decoded(HEALTH, account)) is not None
         )
@@ -139,6 +222,14 @@ class Board:
             plant=self.latest(PLANT_STATUS),
             operator=self.latest(TELEOP_STATUS),
         )
+
+    def _service(self, health: ServiceHealth, age: float, now_ns: int) -> ServiceRow:
+        key = key_of(self._robot, HEARTBEAT, health.service)
+        account = self._accounts.get(HEARTBEAT.name, {}).get(key)
+        beat = None if account is None else _decoded(HEARTBEAT, account)
+        if account is None or beat is None:
+            return ServiceRow(health, age)
+        return ServiceRow(health, age, account.age(now_ns), beat.promise)
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Last message of a topic with one source; None before the first good one."""
@@ -159,6 +250,9 @@ def _row(
     topic: Topic[Any], own: list[_Account], services: tuple[ServiceRow, ...], now_ns: int
 ) -> TopicRow:
     age = min(account.age(now_ns) for account in own)
+    read = [
+        link for service in services for link in service.health.links if link.topic == topic.name
+    ]
     return TopicRow(
         name=topic.name,
         rate=sum(account.recent(now_ns) for account in own) / WINDOW,
@@ -166,11 +260,9 @@ def _row(
         age=age,
         messages=sum(account.messages for account in own),
         gaps=sum(account.sequence.missing for account in own),
-        refused=sum(
-            link.refused
-            for service in services
-            for link in service.health.links
-            if link.topic == topic.name
-        ),
+        late=sum(account.sequence.late for account in own),
+        repeated=sum(account.sequence.repeated for account in own),
         stale=topic.delivery is Delivery.LATEST and age > topic.max_age,
+        too_old=sum(link.stale for link in read),
+        refused=sum(link.refused for link in read),
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from deploy import logs_cli, replay_cli
+from deploy import ledger_cli, logs_cli, replay_cli
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of
@@ -38,12 +38,16 @@ DRIVE_EXAMPLES = """examples:
   trill drive --no-cameras            leaves more of a small machine to the controller
   trill drive --video                 with a video of what you did
 """
-TOP = """Live table of a running system, from any terminal, as often as you like: each topic's rate,
-age and losses, each service's loop timing, the controller's state and the plant's guard. Publishes
-nothing. Written to a pipe or file it is a line every few seconds."""
+TOP = """Live table of a running system, from any terminal, as often as you like: the controller's
+state and the plant's guard; each service's life and loop timing; injected delays, asked for and
+done; services that are gone or go by another clock; each topic's rate, age and losses; and where
+the time of each input's messages went (median/p99 of the last two seconds in ms; `trill ledger
+--help` explains the stages). Fits the terminal. Publishes nothing. Written to a pipe or file it is
+a line every few seconds."""
 TOP_EXAMPLES = """examples:
   trill top                           the system on the standard ports
   trill top --base-port 7464          the one that printed this base port when it started
+  trill top --ledger                  the latency of every input, nothing else
   TRILL_CONNECT=tcp/robot:7448 TRILL_MODE=client trill top
 """
 UP = """Start the robot's side (plant, cameras, whole-body controller, logger) without an operator
@@ -202,13 +206,20 @@ def _up(arguments: argparse.Namespace) -> int:
 def _top_arguments(parser: argparse.ArgumentParser) -> None:
     _bus(parser, "of the system to watch (7448, or TRILL_BASE_PORT)")
     parser.add_argument("--robot", help="its name (draco3, or TRILL_ROBOT)")
+    part = parser.add_mutually_exclusive_group()
+    part.add_argument("--topics", action="store_true", help="show nothing but all topics")
+    part.add_argument(
+        "--ledger", action="store_true", help="show nothing but the latency of all inputs"
+    )
 
 
 def _top(arguments: argparse.Namespace) -> int:
     from deploy.monitor import watch
+    from deploy.table import Show
 
     bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-    watch(bus, f"trill top  {bus.robot}  base port {bus.base_port}")
+    show = Show.TOPICS if arguments.topics else Show.LEDGER if arguments.ledger else Show.ALL
+    watch(bus, f"trill top  {bus.robot}  base port {bus.base_port}", show)
     return 0
 
 
@@ -252,6 +263,7 @@ COMMANDS = (
     _Command("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
     _Command("top", "live table of a running system", TOP, TOP_EXAMPLES, _top_arguments, _top),
     *(_Command(*entry) for entry in logs_cli.ENTRIES),
+    _Command(*ledger_cli.ENTRY),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
     ),

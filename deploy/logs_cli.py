@@ -11,6 +11,7 @@ from pathlib import Path
 from common.bus.config import BusConfig, bus_config, read_config_file, split_list
 from common.errors import TrillError
 from common.schemas import EpisodeAction
+from deploy import ledger_cli
 from deploy.system import LOG_FILE, RUNS, new_run_dir
 from services.logger.__main__ import add_recording_options, settings_of
 from services.logger.reader import LogReader
@@ -55,7 +56,7 @@ MARK_EXAMPLES = """examples:
   trill mark start --connect tcp/robot:7448
 """
 
-TABLES: dict[str, Callable[[LogReader], str]] = {}
+TABLES: dict[str, Callable[[LogReader], str]] = {"ledger": ledger_cli.as_text}
 """Further tables of ``trill info --table``, by name; each reads the log and returns its text."""
 
 

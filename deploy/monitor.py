@@ -18,7 +18,7 @@ from common.bus.session import open_session
 from common.bus.tap import RawTap
 from deploy.board import Board, View
 from deploy.process import terminated_as_interrupted
-from deploy.table import draw, line
+from deploy.table import Show, draw, line
 
 SERVICE = "top"
 """Not in the port table on purpose: any number of monitors may watch one system."""
@@ -64,9 +64,10 @@ class Watch:
 class Screen:
     """Shows views: a live table on a terminal, else lines; a context manager."""
 
-    def __init__(self, title: str, *, live: bool | None = None) -> None:
+    def __init__(self, title: str, *, live: bool | None = None, show: Show = Show.ALL) -> None:
         """``live`` forces a table or lines; None decides by the standard output."""
         self._title = title
+        self._show = show
         self._console = Console()
         self._live: Live | None = None
         if sys.stdout.isatty() if live is None else live:
@@ -95,7 +96,10 @@ class Screen:
             return
         if self._live is not None:
             self._due = now + REDRAW_PERIOD
-            self._live.update(draw(view, self._title), refresh=True)
+            # The line below the table is the cursor's.
+            room = self._console.size.height - 1
+            table = draw(view, self._title, show=self._show, height=room)
+            self._live.update(table, refresh=True)
         else:
             self._due = now + LINE_PERIOD
             print(line(view), flush=True)
@@ -108,8 +112,8 @@ class Screen:
             print(text, flush=True)
 
 
-def watch(bus: BusConfig, title: str) -> None:
-    """Show the live table until Ctrl-C.
+def watch(bus: BusConfig, title: str, show: Show = Show.ALL) -> None:
+    """Show the live table, or only a part of it, until Ctrl-C.
 
     Raises:
         BusError: the bus cannot be opened.
@@ -118,7 +122,7 @@ def watch(bus: BusConfig, title: str) -> None:
         contextlib.suppress(KeyboardInterrupt),
         terminated_as_interrupted(),
         Watch(bus) as seen,
-        Screen(title) as screen,
+        Screen(title, show=show) as screen,
     ):
         while True:
             screen.show(seen.look())

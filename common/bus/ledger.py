@@ -127,7 +127,10 @@ class Ledger:
                     topic=topic,
                     counts={Take(kind): n for kind, n in Counter(kinds.tolist()).items()},
                     stages=tuple(stage_times(applied)),
-                    samples={name: 1e-9 * some for name, some in stage_durations(applied).items()},
+                    samples={
+                        name: np.asarray(1e-9 * some, np.float64)
+                        for name, some in stage_durations(applied).items()
+                    },
                 )
             )
         return result
@@ -139,7 +142,9 @@ class Ledger:
             if not account.rows or not account.changes:
                 continue
             rows, kinds = _joined(account)
-            changes = sorted(account.changes)
+            ordered = sorted(account.changes)
+            # A change may be told of twice, by the change and by the health after it.
+            changes = [now for last, now in pairwise([(0, None), *ordered]) if last[1] != now[1]]
             # Before the first that was told of there is no telling; it is taken to hold already.
             bounds = [-(2**62), *(at for at, _ in changes[1:]), 2**62]
             for (begin, end), (_, link) in zip(pairwise(bounds), changes, strict=True):
