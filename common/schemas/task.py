@@ -74,7 +74,7 @@ class SceneState(Message):
     """Ground truth about the objects around the robot; goes out together with the robot's.
 
     ``objects`` are the task's moving things, ``marks`` places that do not move: the goal and what
-    the task names besides. ``qpos`` poses the whole scene in the model that plant and cameras share.
+    the task names besides. ``qpos`` poses the scene in the model that plant and cameras share.
     """
 
     scene: str = Field(max_length=80)

@@ -7,6 +7,7 @@ from common.runtime.main import run_live
 from services.sim.config import TYPICAL_NOISE, SimConfig, TorqueMode, validated
 from services.sim.scenes import SCENES
 from services.sim.service import PlantService
+from services.sim.tasks import all_tasks
 
 DESCRIPTION = """The plant: DRACO 3 in MuJoCo at 1 kHz, behind its motor servo and command guard. It
 stands until commands come, follows them while they are sound and fresh, holds its posture when
@@ -21,6 +22,11 @@ def _add_arguments(parser: ArgumentParser) -> None:
     scenes = "; ".join(f"{scene.name}: {scene.doc}" for scene in SCENES.values())
     group.add_argument("--scene", choices=sorted(SCENES), help=f"surroundings ({scenes})")
     group.add_argument(
+        "--task",
+        metavar="NAME",
+        help=f"scored task, in its own scene ({', '.join(all_tasks())}); trill tasks tells more",
+    )
+    group.add_argument(
         "--torque-mode",
         choices=[mode.value for mode in TorqueMode],
         help="motor limits: relaxed (legs +200 N·m, as in the public TRILL simulation; the "
@@ -30,11 +36,15 @@ def _add_arguments(parser: ArgumentParser) -> None:
         "--com-height", type=float, help="initial CoM above the soles [m] (0.70, rated 0.73)"
     )
     group.add_argument("--state-rate", type=int, help="measured states per second (200)")
-    group.add_argument("--seed", type=int, help="of sensor noise and start pose (0)")
+    group.add_argument(
+        "--seed",
+        type=int,
+        help="of sensor noise and start (0); each reset takes the next, unless it names one",
+    )
     group.add_argument(
         "--noise",
         choices=["none", "typical"],
-        help="on the measured state; typical: 2 mm, 2 cm/s, 0.3 deg (none)",
+        help="on the measured state; typical: 2 mm, 2 cm/s, 0.3 deg (none, or the task's)",
     )
 
 

@@ -3,6 +3,7 @@
 Run as ``python -m services.sim.cameras``.
 """
 
+import logging
 import os
 import sys
 from argparse import SUPPRESS, ArgumentParser, Namespace
@@ -16,16 +17,18 @@ from pydantic import BaseModel, ConfigDict, Field
 from common.robot.frames import CAMERAS
 from common.runtime.main import run_live
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import CameraFrame, Header, PlantState
-from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH
+from common.schemas import CameraFrame, Header, PlantState, SceneState
+from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, TASK_SCENE
 from services.sim.config import validated
 from services.sim.offscreen import Image, Offscreen, fixed_camera
 from services.sim.pose import show_state
 from services.sim.scenes import SCENES
 from services.sim.scenes.parts import KEY_LIGHT
+from services.sim.tasks import find_task
 from services.sim.world import FLOOR_GEOM, build_model, find_addresses
 
 _NICENESS = 10
+_LOG = logging.getLogger(__name__)
 DESCRIPTION = """The robot's eyes: renders the plant's ground truth as a stereo pair and publishes
 each picture somebody subscribes to. Needs EGL (libegl1); the plant runs without."""
 
@@ -35,7 +38,10 @@ class CameraConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    scene: str = Field(default="flat", description="what stands around the robot")
+    scene: str = Field(
+        default="", description="what stands around the robot; empty: what the plant says"
+    )
+    task: str = Field(default="", description="the plant's task; its scene is implied")
     width: int = Field(default=400, ge=16, le=1920, description="[pixels]")
     height: int = Field(default=300, ge=16, le=1080, description="[pixels]")
     rate: int = Field(default=20, ge=1, le=60, description="pictures per second and eye [Hz]")
@@ -47,20 +53,36 @@ _FIELDS = frozenset(CameraConfig.model_fields)
 
 
 class StereoRenderer:
-    """Draws what the robot's eyes see; upright, row 0 on top, the left eye on its left."""
+    """Draws what the robot's eyes see; upright, row 0 on top, the left eye on its left.
+
+    Attributes:
+        scene: what it shows around the robot.
+    """
 
     def __init__(self, config: CameraConfig) -> None:
         self._config = config
-        self._model = build_model(config.scene)
+        self.scene = config.scene or (find_task(config.task).scene if config.task else "flat")
+        self._model = build_model(self.scene)
         _simplify(self._model)
         self._data = mujoco.MjData(self._model)
         self._addresses = find_addresses(self._model)
         self._eyes = {eye: fixed_camera(self._model, name) for eye, name in CAMERAS.items()}
         self._offscreen = Offscreen(self._model, config.width, config.height, plain=True)
 
-    def render(self, state: PlantState, eyes: Sequence[str]) -> list[Image]:
-        """Return (height, width, 3) RGB pictures at ``state``, one per name in ``eyes``."""
-        show_state(self._model, self._data, self._addresses, state)
+    def render(
+        self, state: PlantState, eyes: Sequence[str], objects: SceneState | None = None
+    ) -> list[Image]:
+        """Return (height, width, 3) RGB pictures, one per name in ``eyes``.
+
+        Args:
+            state: of the robot.
+            eyes: ``left``, ``right``.
+            objects: where the scene's things are; None leaves them where they were.
+
+        Raises:
+            SceneError: ``objects`` are of another scene.
+        """
+        show_state(self._model, self._data, self._addresses, state, objects)
         return [self._offscreen.render(self._data, self._eyes[eye]) for eye in eyes]
 
     def close(self) -> None:
@@ -92,7 +114,7 @@ class CameraService(Service):
     """Publishes the eyes somebody looks through, from the latest ground truth."""
 
     name = "cameras"
-    reads = (PLANT_TRUTH,)
+    reads = (PLANT_TRUTH, TASK_SCENE)
     writes = (CAMERA_LEFT, CAMERA_RIGHT)
     # Software rendering of both eyes takes up to 0.15 s, more on a machine that is busy.
     heartbeat_promise_s = 0.5
@@ -102,6 +124,7 @@ class CameraService(Service):
         self.settings = self._config.model_dump(mode="json")
         self.period_ns = 1_000_000_000 // self._config.rate
         self._renderer = StereoRenderer(self._config)
+        self._warned = False
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
@@ -119,11 +142,27 @@ class CameraService(Service):
             for eye, topic in (("left", CAMERA_LEFT), ("right", CAMERA_RIGHT))
             if self.wanted(topic)
         }
-        images = self._renderer.render(state, list(topics))
+        objects = inputs.latest(TASK_SCENE)
+        if objects is not None and objects.scene != self._renderer.scene:
+            objects = self._follow(objects)
+        images = self._renderer.render(state, list(topics), objects)
         return [
             Output(topic, self._frame(eye, image, state.header.stamp))
             for (eye, topic), image in zip(topics.items(), images, strict=True)
         ]
+
+    def _follow(self, objects: SceneState) -> SceneState | None:
+        """Show the plant's scene, unless another one was asked for; the objects to show."""
+        if self._config.scene or self._config.task:
+            if not self._warned:
+                shown = self._renderer.scene
+                _LOG.warning("asked to show the scene %s, the plant is in %s", shown, objects.scene)
+            self._warned = True
+            return None
+        config = self._config.model_copy(update={"scene": objects.scene})
+        self._renderer.close()
+        self._renderer = StereoRenderer(config)
+        return objects
 
     def _frame(self, eye: str, image: Image, stamp_ns: int) -> CameraFrame:
         height, width, _ = image.shape
@@ -145,7 +184,8 @@ class CameraService(Service):
 def _add_arguments(parser: ArgumentParser) -> None:
     parser.prog = "python -m services.sim.cameras"
     group = parser.add_argument_group("pictures", argument_default=SUPPRESS)
-    group.add_argument("--scene", choices=sorted(SCENES), help="the plant's scene (flat)")
+    group.add_argument("--scene", choices=sorted(SCENES), help="the plant's scene (what it says)")
+    group.add_argument("--task", metavar="NAME", help="the plant's task; its scene is implied")
     group.add_argument("--width", type=int, help="pixels (400)")
     group.add_argument("--height", type=int, help="pixels (300)")
     group.add_argument("--rate", type=int, help="pictures per second and eye (20)")

@@ -72,6 +72,9 @@ class SimConfig(_Config):
     """Everything that shapes a run of the simulated plant."""
 
     scene: str = Field(default="flat", description="what stands around the robot")
+    task: str = Field(
+        default="", description="scored task, for instance door/unlock; its scene is implied"
+    )
     seed: int = Field(default=0, ge=0, description="of sensor noise and start pose")
     torque_mode: TorqueMode = Field(default=TorqueMode.RELAXED, description="motor torque limits")
     com_height: float | None = Field(

@@ -21,3 +21,7 @@ class PlantDivergedError(SimError):
 
 class RenderingUnavailableError(SimError):
     """No usable OpenGL library for off-screen rendering."""
+
+
+class TaskError(SimError):
+    """A task is unknown or does not fit its scene."""

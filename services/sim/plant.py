@@ -12,13 +12,15 @@ from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
 from services.sim.config import PHYSICS_STEP_NS, NoiseConfig, SimConfig
 from services.sim.contacts import Contact, contact_list, foot_normal_forces
-from services.sim.errors import PlantDivergedError
+from services.sim.errors import PlantDivergedError, TaskError
 from services.sim.fallback import damp_target, hold_target
 from services.sim.gripper import jaw_closure, jaw_command
 from services.sim.guard import Guard
 from services.sim.noise import add_noise
 from services.sim.servo import JOINT_TO_MOTOR, Servo, motor_target
 from services.sim.stance import standing_qpos, standing_torque
+from services.sim.tasks import find_task
+from services.sim.tasks.trial import SceneView, Trial
 from services.sim.world import build_model, find_addresses
 
 Array = NDArray[np.float64]
@@ -40,7 +42,7 @@ class Plant:
     """DRACO 3 in a scene, behind its motor servo and command guard.
 
     Attributes:
-        config: as given.
+        config: as given, with the scene and the noise of the task.
         model: the ``mujoco.MjModel``.
         data: the ``mujoco.MjData``.
         guard: the command guard.
@@ -49,16 +51,27 @@ class Plant:
         reset_count: resets since construction.
         steps: physics steps since the last reset.
         fallen: whether the robot has fallen since the last reset.
+        trial: of the configured task; None without one. Its clock starts with the first command
+            that is applied after a reset.
+        view: where the scene's objects are.
         command_ages: of the last 1024 applied commands, age of their state when applied [s].
     """
 
     def __init__(self, config: SimConfig | None = None) -> None:
-        self.config = config or SimConfig()
+        self.config = _with_task(config or SimConfig())
         # MuJoCo's own handler writes a log file into the working directory.
         mujoco.set_mju_user_warning(_log_warning)
         self.model = build_model(self.config.scene, looks=False)
         self.data = mujoco.MjData(self.model)
         self.addresses = find_addresses(self.model)
+        self.trial: Trial | None = None
+        if self.config.task:
+            task = find_task(self.config.task)
+            self.trial = Trial(task, self.model, self.data, self.addresses)
+            self.view = self.trial.view
+        else:
+            scene = self.config.scene
+            self.view = SceneView(self.model, self.data, self.addresses, scene, None)
         self.guard = Guard(self.config.guard)
         self.servo = Servo(self.config.torque_mode)
         self.command_ages: deque[float] = deque(maxlen=_AGES_KEPT)
@@ -87,12 +100,14 @@ class Plant:
             seed: of start pose and noise; None takes the configured seed plus the reset count.
         """
         self.reset_count += 1
-        self._rng = np.random.default_rng(
-            self.config.seed + self.reset_count if seed is None else seed
-        )
+        seed = self.config.seed + self.reset_count if seed is None else seed
+        self._rng = np.random.default_rng(seed)
         mujoco.mj_resetData(self.model, self.data)
         self._qpos[:] = self._standing
         self._place()
+        if self.trial is not None:
+            self.trial.restart(seed)
+        self._trial_from: int | None = None
         self.guard.reset(epoch_ns=self.now_ns)
         self.now_ns += PHYSICS_STEP_NS
         self.steps = 0
@@ -181,6 +196,8 @@ class Plant:
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
             self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
+        if self.trial is not None and self._trial_from is not None:
+            self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
 
     def _is_down(self) -> bool:
         return (
@@ -192,6 +209,8 @@ class Plant:
         _LOG.info("guard: %s at %.3f s%s", mode.name, self.now_ns * 1e-9, " (fallen)" * self.fallen)
         self._mode = mode
         command = self.guard.command
+        if mode is GuardMode.ACTIVE and self._trial_from is None:
+            self._trial_from = self.steps
         if mode is GuardMode.HOLD and command is not None:
             # The last feed-forward torque keeps carrying the weight; without it the robot sags.
             torque = MOTOR_TO_JOINT @ (JOINT_TO_MOTOR @ command.torque)
@@ -235,6 +254,25 @@ class Plant:
     def saturated_fraction(self) -> float:
         """Share of the physics steps since the reset with a motor at its torque limit."""
         return self.servo.saturated_steps / self.steps if self.steps else 0.0
+
+
+def _with_task(config: SimConfig) -> SimConfig:
+    """Return ``config`` with the scene of its task and, unless given, the noise of its task.
+
+    Raises:
+        TaskError: there is no such task, or another scene was asked for besides.
+    """
+    if not config.task:
+        return config
+    task = find_task(config.task)
+    given = config.model_fields_set
+    if "scene" in given and config.scene != task.scene:
+        raise TaskError(
+            f"the task {task.name} takes place in the scene {task.scene!r}, but {config.scene!r} "
+            "was asked for; leave the scene out"
+        )
+    noise = config.noise if "noise" in given else task.noise
+    return config.model_copy(update={"scene": task.scene, "noise": noise})
 
 
 def _log_warning(text: str) -> None:

@@ -8,14 +8,17 @@ from typing import Any, Self
 import numpy as np
 
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import Header, PlantAction, PlantRequest, PlantStatus
+from common.schemas import Header, PlantAction, PlantRequest, PlantStatus, TaskVerdict
 from common.topics import (
     ESTOP,
     PLANT_REQUEST,
     PLANT_STATE,
     PLANT_STATUS,
     PLANT_TRUTH,
+    TASK_SCENE,
+    TASK_STATUS,
     WBC_COMMAND,
+    Topic,
 )
 from services.sim.config import PHYSICS_RATE, PHYSICS_STEP_NS, SimConfig, validated
 from services.sim.errors import PlantDivergedError
@@ -29,7 +32,9 @@ class PlantService(Service):
     """Runs a :class:`Plant` at the pace of its runner.
 
     State goes out at the rate of robot time; truth and status at that of the runner's clock, so
-    that a paused plant still shows. While paused there is no new measurement, hence no state.
+    that a paused plant still shows. While paused there is no new measurement, hence no state. A
+    scene with moving things goes out with the truth and its stamp, so that pictures show both as
+    of one moment; a task's status goes out at its rate and at changes.
 
     Attributes:
         plant: the plant.
@@ -43,6 +48,10 @@ class PlantService(Service):
     def __init__(self, config: SimConfig | None = None) -> None:
         self.plant = Plant(config)
         config = self.plant.config
+        topics: list[Topic[Any]] = [PLANT_STATE, PLANT_TRUTH, PLANT_STATUS]
+        topics += [TASK_SCENE] * self.plant.view.moves
+        topics += [TASK_STATUS] * (self.plant.trial is not None)
+        self.writes = tuple(topics)
         self.settings = config.model_dump(mode="json")
         self.period_ns = config.physics_steps * PHYSICS_STEP_NS
         self.paused = False
@@ -51,6 +60,8 @@ class PlantService(Service):
         self._pace = Pace(config.physics_steps, config.catch_up_steps)
         self._truth_due = Every(config.truth_rate)
         self._status_due = Every(config.status_rate)
+        self._task_due = Every(round(TASK_STATUS.rate))
+        self._task_told: tuple[object, ...] = ()
         self._refusals_due = Every(1)
         self._refusals_told = 0
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
@@ -79,13 +90,39 @@ class PlantService(Service):
         if self._state_due:
             self._state_due = False
             outputs.append(Output(PLANT_STATE, plant.measured()))
-        if self._truth_due.due(now_ns) and self.wanted(PLANT_TRUTH):
-            outputs.append(Output(PLANT_TRUTH, plant.truth()))
+        if self._truth_due.due(now_ns):
+            outputs += self._truths()
+        outputs += self._task_news(now_ns)
         if self._status_due.due(now_ns):
             outputs.append(Output(PLANT_STATUS, self._status(now_ns)))
         if self._refusals_due.due(now_ns):
             self._tell_refusals()
         return outputs
+
+    def _truths(self) -> list[Output]:
+        """The scene, then the robot: who waits for the robot has both."""
+        plant, outputs = self.plant, []
+        if plant.view.moves and self.wanted(TASK_SCENE):
+            scene = plant.view.state(plant.now_ns, plant.reset_count)
+            outputs.append(Output(TASK_SCENE, scene))
+        if self.wanted(PLANT_TRUTH):
+            outputs.append(Output(PLANT_TRUTH, plant.truth()))
+        return outputs
+
+    def _task_news(self, now_ns: int) -> list[Output]:
+        """The task's status when it is due or has changed."""
+        plant, trial = self.plant, self.plant.trial
+        if trial is None:
+            return []
+        judge = trial.judge
+        news = (plant.reset_count, judge.verdict, len(judge.done), len(judge.undesired))
+        changed = news != self._task_told
+        if not self._task_due.due(now_ns) and not changed:
+            return []
+        if changed and judge.verdict is not TaskVerdict.RUNNING:
+            _LOG.info("%s: %s: %s", trial.task.name, judge.verdict.name, judge.reason)
+        self._task_told = news
+        return [Output(TASK_STATUS, trial.status(plant.now_ns, plant.reset_count))]
 
     def _tell_refusals(self) -> None:
         """Log what the guard refused, at most once a second."""
@@ -106,14 +143,14 @@ class PlantService(Service):
             _LOG.exception("resetting: %s", error)
             self._reset()
 
-    def _reset(self) -> None:
-        self.plant.reset()
+    def _reset(self, seed: int | None = None) -> None:
+        self.plant.reset(seed)
         self._state_due = True
 
     def _obey(self, request: PlantRequest) -> None:
         _LOG.info("%s", request.action.name)
         if request.action is PlantAction.RESET:
-            self._reset()
+            self._reset(request.seed if request.seed >= 0 else None)
         elif request.action is PlantAction.PUSH:
             self.plant.push(request.force, request.duration)
         else:

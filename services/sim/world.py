@@ -27,6 +27,7 @@ FLOOR_GEOM = "floor"
 IMPRATIO = 20.0
 """Ratio of frictional to normal constraint impedance: feet and grasps creep without it."""
 
+_FINGERS = tuple(name for names in FINGER_JOINTS.values() for name in names)
 _FAINT_BLUE = [0.62, 0.72, 0.82]
 
 
@@ -158,6 +159,7 @@ class Addresses:
         torso: body id.
         floor: geom id.
         feet: (2,) geom ids; left, right.
+        scene: where the scene's joints begin in ``data.qpos``; they come last.
     """
 
     qpos: NDArray[np.intp]
@@ -167,6 +169,7 @@ class Addresses:
     torso: int
     floor: int
     feet: NDArray[np.intp]
+    scene: int
 
 
 def find_addresses(model: Any) -> Addresses:
@@ -192,4 +195,5 @@ def find_addresses(model: Any) -> Addresses:
         torso=model.body(BODY_FRAME).id,
         floor=model.geom(FLOOR_GEOM).id,
         feet=np.array([model.geom(FOOT_GEOMS[side]).id for side in sides]),
+        scene=1 + max(int(model.joint(n).qposadr[0]) for n in (*JOINT_NAMES, *_FINGERS)),
     )

@@ -26,6 +26,8 @@ HANGER: Final = (0.40, -0.20)
 """Where the hammer hangs (x, y) [m]."""
 PRONG_HEIGHT: Final = 0.9225
 """Of the prongs' axes [m]: 10 cm above the standing robot's torso frame."""
+GRIP_BELOW: Final = 0.14
+"""Where to grip the hammer: this far below the middle of its head, at the torso's height [m]."""
 BOARD_FRONT: Final = 0.55
 PUSH_LANE: Final = -1.2
 """World y of the lane in which the trolley is pushed [m]."""
@@ -91,7 +93,8 @@ def _add_board(spec: Any) -> None:
     x, z = BOARD_FRONT + 0.012, 0.99
     # The texture lies in the geom's own x-y plane: its z has to look at the robot.
     facing = (0.5, -0.5, -0.5, 0.5)
-    solid(spec.worldbody, "board.panel", "box", (half_y, half_z, 0.012), (x, centre_y, z), "board", quat=facing)  # fmt: skip
+    half, where = (half_y, half_z, 0.012), (x, centre_y, z)
+    solid(spec.worldbody, "board.panel", "box", half, where, "board", quat=facing)
     for name, y in (("left", centre_y + half_y), ("right", centre_y - half_y)):
         post = (0.02, 0.02, 0.72)
         solid(spec.worldbody, f"board.{name}_post", "box", post, (x + 0.01, y, 0.72), "board_edge")
@@ -116,7 +119,9 @@ def _decorate(world: Any) -> None:
     look(world, "box", (0.006, 0.06, 0.016), (front, 0.16, 0.74), "board_edge")
     # White outline where the hammer belongs.
     look(world, "box", (0.001, 0.075, 0.03), (front + 0.006, HANGER[1], HAMMER_REST), "shadow")
-    look(world, "box", (0.001, 0.026, 0.13), (front + 0.006, HANGER[1], HAMMER_REST - 0.15), "shadow")
+    look(
+        world, "box", (0.001, 0.026, 0.13), (front + 0.006, HANGER[1], HAMMER_REST - 0.15), "shadow"
+    )
 
 
 _FACING = (0.70710678, 0.0, 0.70710678, 0.0)
@@ -148,6 +153,7 @@ def _add_hammer(spec: Any) -> None:
     look(hammer, "cylinder", (0.027, 0.012), (0.0, 0.062, 0.0), "head", quat=_ALONG_Y)
     look(hammer, "box", (0.0185, 0.0205, 0.012), (0.0, 0.0, handle_z - 0.114), "grip_end")
     look(hammer, "box", (0.0185, 0.0205, 0.004), (0.0, 0.0, handle_z + 0.08), "grip_end")
+    hammer.add_site(name="hammer_grip", pos=[0.0, 0.0, -GRIP_BELOW], size=[0.005] * 3, group=4)
     head, handle = HAMMER_HEAD.value, HAMMER_HANDLE.value
     mass = head + handle
     centre = handle * handle_z / mass

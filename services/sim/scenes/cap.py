@@ -32,6 +32,9 @@ CAN_REST: Final = TABLE_TOP + STAND_HEIGHT
 CAN_HEIGHT: Final = 0.15
 """From the underside to the shoulder on which the cap sits [m]."""
 
+CAN_GRIP_HEIGHT: Final = 0.065
+"""Where to hold the can, above its underside [m]."""
+
 CAN_MASS = Quantity("can, mass", 0.35, "kg", "a 400 ml can; lighter than the cap's hold is strong")
 CAP_MASS = Quantity("cap, mass", 0.04, "kg", "thick plastic")
 CAP_RIB = Quantity("cap, interference of each rib with the neck", 0.0008, "m", "see the hold")
@@ -86,6 +89,7 @@ def _add_can(spec: Any) -> None:
     for z in (0.003, CAN_HEIGHT - 0.003):
         look(can, "cylinder", (_RADIUS + 0.0008, 0.003), (0.0, 0.0, z), "can_metal")
     look(can, "cylinder", (0.006, 0.006), (0.0, 0.0, CAN_HEIGHT + 0.03), "label")
+    can.add_site(name="can_grip", pos=[0.0, 0.0, CAN_GRIP_HEIGHT], size=[0.005] * 3, group=4)
     mass = CAN_MASS.value
     across = mass * (3 * _RADIUS**2 + CAN_HEIGHT**2) / 12.0
     set_mass(can, mass, (across, across, 0.5 * mass * _RADIUS**2), (0.0, 0.0, half))
@@ -97,15 +101,18 @@ def _add_cap(spec: Any) -> None:
     cap.add_joint(name=CAP_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     grip = (CAN_GRIP.value, 0.005, 0.0001)
     # From outside the cap is a full cylinder; the neck does not feel it, only the ribs.
-    solid(cap, "cap.shell", "cylinder", (_CAP_RADIUS, _CAP_HALF), (0.0, 0.0, _CAP_HALF), "cap", friction=grip)  # fmt: skip
+    shell = (_CAP_RADIUS, _CAP_HALF)
+    solid(cap, "cap.shell", "cylinder", shell, (0.0, 0.0, _CAP_HALF), "cap", friction=grip)
     ring = _NECK + _RIB - CAP_RIB.value
     for index in range(4):
         angle = 0.25 * math.pi + 0.5 * math.pi * index
         where = (ring * math.cos(angle), ring * math.sin(angle), _RIB_Z)
-        rib = (CAP_FRICTION.value, 0.005, 0.0001)
-        solid(cap, f"cap.rib{index}", "sphere", (_RIB,), where, "cap", **_fit(), friction=rib, priority=1)  # fmt: skip
+        rib = solid(cap, f"cap.rib{index}", "sphere", (_RIB,), where, "cap", **_fit())
+        rib.friction[0] = CAP_FRICTION.value
+        rib.priority = 1
     look(cap, "cylinder", (_CAP_RADIUS + 0.0006, 0.004), (0.0, 0.0, 0.006), "cap_band")
     look(cap, "cylinder", (_CAP_RADIUS - 0.003, 0.003), (0.0, 0.0, 2 * _CAP_HALF), "cap_band")
+    cap.add_site(name="cap_grip", pos=[0.0, 0.0, _CAP_HALF], size=[0.005] * 3, group=4)
     mass = CAP_MASS.value
     across = mass * (3 * _CAP_RADIUS**2 + (2 * _CAP_HALF) ** 2) / 12.0
     set_mass(cap, mass, (across, across, 0.8 * mass * _CAP_RADIUS**2), (0.0, 0.0, _CAP_HALF))

@@ -69,6 +69,9 @@ def add_cart(spec: Any) -> None:
         )
     inertia = box_inertia(CART_MASS.value, (0.3, 0.3, 0.275))
     set_mass(cart, CART_MASS.value, inertia, (0.0, 0.0, 0.42))
+    sites = (("cart_bar", [-BAR_OFFSET, 0.0, TRAY_HEIGHT]), ("cart_tray", [0.0, 0.0, TRAY_HEIGHT]))
+    for name, place in sites:
+        cart.add_site(name=name, pos=place, size=[0.005] * 3, group=4)
     _add_body(cart)
     _add_tray(cart)
     _add_bar(cart)
@@ -116,4 +119,11 @@ def _add_bar(cart: Any) -> None:
     for name, y in (("left", 0.285), ("right", -0.285)):
         arm = (-0.5 * (0.3 + BAR_OFFSET), y, TRAY_HEIGHT)
         solid(cart, f"cart_bar.{name}_arm", "box", (0.06, 0.01, 0.014), arm, "trim")
-        look(cart, "cylinder", (0.024, 0.012), (-BAR_OFFSET, y * 1.03, TRAY_HEIGHT), "tyre", quat=_ALONG_Y)
+        look(
+            cart,
+            "cylinder",
+            (0.024, 0.012),
+            (-BAR_OFFSET, y * 1.03, TRAY_HEIGHT),
+            "tyre",
+            quat=_ALONG_Y,
+        )

@@ -45,6 +45,7 @@ LEVER_RANGE = Quantity("lever, range", 0.7, "rad", "40°, a usual lever handle")
 LATCH_RATIO = Quantity("lever angle per travel of the bolt", 26.18, "rad/m", "public TRILL door")
 LATCH_REACH = Quantity("bolt behind the strike", 0.015, "m", "clear at 22.5° of lever")
 LATCH_MASS = Quantity("bolt, mass", 0.05, "kg", "a steel bolt")
+LATCH_FRICTION = Quantity("bolt on strike, sliding friction", 0.2, "", "greased steel")
 LEAF_GRIP = Quantity("leaf and lever, sliding friction", 0.8, "", "painted wood and metal")
 _QUANTITIES = (
     LEAF_MASS,
@@ -59,6 +60,7 @@ _QUANTITIES = (
     LATCH_RATIO,
     LATCH_REACH,
     LATCH_MASS,
+    LATCH_FRICTION,
     LEAF_GRIP,
 )
 
@@ -128,7 +130,15 @@ def _add_leaf(spec: Any) -> Any:
     # Bit 4 keeps it off the frame its hinge turns in; the robot has all of bit 1.
     grip = (LEAF_GRIP.value, 0.005, 0.0001)
     solid(
-        leaf, "leaf.board", "box", _LEAF_HALF, centre, "leaf", friction=grip, contype=1, conaffinity=5
+        leaf,
+        "leaf.board",
+        "box",
+        _LEAF_HALF,
+        centre,
+        "leaf",
+        friction=grip,
+        contype=1,
+        conaffinity=5,
     )
     for face in (-1.0, 1.0):
         _decorate(leaf, face)
@@ -162,6 +172,7 @@ def _add_lever(leaf: Any) -> None:
         armature=0.001,
     )
     set_mass(lever, LEVER_MASS.value, (0.0012, 0.0015, 0.0008), (0.0, -0.06, 0.0))
+    lever.add_site(name="lever_grip", pos=[-0.1, -0.13, 0.014], size=[0.005] * 3, group=4)
     grip = (LEAF_GRIP.value, 0.005, 0.0001)
     for name, face in (("front", -1.0), ("back", 1.0)):
         solid(
@@ -188,6 +199,15 @@ def _add_lever(leaf: Any) -> None:
 _ALONG_X = (0.70710678, 0.0, 0.70710678, 0.0)
 
 
+_SLIDING_STEEL: Final[dict[str, Any]] = {
+    "contype": _BOLT_BIT,
+    "conaffinity": _BOLT_BIT,
+    "friction": (LATCH_FRICTION.value, 0.005, 0.0001),
+    "solref": (0.004, 1.0),
+    "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
+}
+
+
 def _add_latch(spec: Any, leaf: Any) -> None:
     # Closed, the bolt's tip is LATCH_REACH behind the strike's face.
     tip = _STRIKE_FACE + LATCH_REACH.value
@@ -202,13 +222,11 @@ def _add_latch(spec: Any, leaf: Any) -> None:
         armature=0.05,
     )
     set_mass(bolt, LATCH_MASS.value, box_inertia(LATCH_MASS.value, _BOLT_HALF))
-    stiff: dict[str, Any] = {"solref": (0.004, 1.0), "solimp": (0.95, 0.99, 0.001, 0.5, 2.0)}
-    bits = {"contype": _BOLT_BIT, "conaffinity": _BOLT_BIT}
-    solid(bolt, "latch.bolt", "box", _BOLT_HALF, (0.0, 0.0, 0.0), "steel", friction=(0.2, 0.005, 0.0001), **stiff, **bits)  # fmt: skip
+    solid(bolt, "latch.bolt", "box", _BOLT_HALF, (0.0, 0.0, 0.0), "steel", **_SLIDING_STEEL)
     x = DOOR_X + _BOLT_HALF[0] + 0.002 + 0.015
     half = (0.015, 0.02, 0.05)
     where = (x, _STRIKE_FACE + half[1], LEVER_HEIGHT)
-    solid(spec.worldbody, "strike.plate", "box", half, where, "brass", friction=(0.2, 0.005, 0.0001), **stiff, **bits)  # fmt: skip
+    solid(spec.worldbody, "strike.plate", "box", half, where, "brass", **_SLIDING_STEEL)
     equality = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         name1=LATCH_JOINT,

@@ -1,6 +1,6 @@
 """Building blocks of the scenes: what can be touched, what only looks, and materials."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -23,11 +23,15 @@ _SHAPES = {
 Numbers = Sequence[float]
 
 
-def add_materials(spec: Any, colours: dict[str, Numbers]) -> None:
+def add_materials(spec: Any, colours: Mapping[str, Numbers]) -> None:
     """Add a material per name: (r, g, b, gloss 0..1)."""
     for name, (red, green, blue, gloss) in colours.items():
         spec.add_material(
-            name=name, rgba=[red, green, blue, 1.0], specular=gloss, shininess=gloss, reflectance=0.0
+            name=name,
+            rgba=[red, green, blue, 1.0],
+            specular=gloss,
+            shininess=gloss,
+            reflectance=0.0,
         )
 
 
@@ -101,7 +105,7 @@ def box_inertia(mass: float, half: Numbers) -> list[float]:
 
 
 def add_walls(
-    spec: Any, boxes: dict[str, tuple[Numbers, Numbers]], material: str = "wall"
+    spec: Any, boxes: Mapping[str, tuple[Numbers, Numbers]], material: str = "wall"
 ) -> None:
     """Add fixed boxes ``name: (half sizes, centre)`` to the world."""
     for name, (size, pos) in boxes.items():

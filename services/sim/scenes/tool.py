@@ -33,7 +33,9 @@ GRIP_HEIGHT: Final = 0.085
 
 TOOL_BATTERY = Quantity("tool, battery", 0.16, "kg", "low centre of mass: it stands by itself")
 TOOL_REST = Quantity("tool, handle and head", 0.12, "kg", "0.28 kg in all; 0.1 to 0.3 kg were held")
-TOOL_GRIP = Quantity("tool, sliding friction", 0.9, "", "rubber; the fingers' pads have 1.5 and rule")
+TOOL_GRIP = Quantity(
+    "tool, sliding friction", 0.9, "", "rubber; the fingers' pads have 1.5 and rule"
+)
 BOX_MASS = Quantity("box, mass", 0.8, "kg", "a wooden box that a brush with the hand may shift")
 BOX_GRIP = Quantity("box, sliding friction", 0.6, "", "wood on wood")
 _BASE = (0.045, 0.032, 0.018)
@@ -77,6 +79,7 @@ def _add_tool(spec: Any) -> None:
     look(tool, "cylinder", (0.022, 0.014), (0.092, 0.0, head), "tool_grip", quat=_ALONG_X)
     look(tool, "cylinder", (0.011, 0.016), (0.118, 0.0, head), "chuck", quat=_ALONG_X)
     look(tool, "cylinder", (0.003, 0.02), (0.148, 0.0, head), "chuck", quat=_ALONG_X)
+    tool.add_site(name="tool_grip", pos=[0.0, 0.0, GRIP_HEIGHT], size=[0.005] * 3, group=4)
     low, rest = TOOL_BATTERY.value, TOOL_REST.value
     mass, upper = low + rest, 0.5 * (handle + head)
     centre = (low * base + rest * upper) / mass
