@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from deploy import ledger_cli, logs_cli, replay_cli
+from deploy import export_cli as ex
+from deploy import latency_cli, ledger_cli, logs_cli, replay_cli
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of
@@ -131,6 +132,7 @@ def _system(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-cameras", action="store_true", help="the robot does not see")
     _bus(parser, "first port of the system (standard: a free block is found)")
+    latency_cli.add_latency_option(parser)
 
 
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -156,6 +158,7 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
         record=not getattr(arguments, "no_record", False),
         config=arguments.config,
         restart=restart,
+        links=latency_cli.chosen_links(arguments.latency),
     )
 
 
@@ -264,6 +267,7 @@ COMMANDS = (
     _Command("top", "live table of a running system", TOP, TOP_EXAMPLES, _top_arguments, _top),
     *(_Command(*entry) for entry in logs_cli.ENTRIES),
     _Command(*ledger_cli.ENTRY),
+    _Command(*latency_cli.ENTRY),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
     ),
@@ -275,6 +279,10 @@ COMMANDS = (
         replay_cli.add_arguments,
         replay_cli.run,
     ),
+    _Command(
+        "export", "a log for viewers", ex.EXPORT, ex.EXPORT_EXAMPLES, ex.takes_export, ex.export
+    ),
+    _Command("view", "a log in Rerun", ex.VIEW, ex.VIEW_EXAMPLES, ex.takes_view, ex.view),
 )
 
 if __name__ == "__main__":

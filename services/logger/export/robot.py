@@ -1,0 +1,103 @@
+"""Where the robot's links are and what they look like, if MuJoCo is at hand."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.robot.frames import BODY_FRAME, FOOT_FRAMES, HAND_FRAMES
+from common.robot.joints import FINGER_JOINTS, GRIPPER_STROKE, JOINT_NAMES, MJCF_PATH
+from services.logger.export.meshes import LinkMesh, link_meshes
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """A frame in its parent: position (3,) [m] and quaternion (4,) w, x, y, z."""
+
+    name: str
+    parent: str
+    position: Array
+    quaternion: Array
+
+
+class RobotModel:
+    """Forward kinematics of all links, hands and feet below ``torso_link``."""
+
+    def __init__(self) -> None:
+        """Load the model.
+
+        Raises:
+            ImportError: MuJoCo is not installed.
+        """
+        import mujoco
+
+        self._mujoco: Any = mujoco
+        self._model: Any = mujoco.MjModel.from_xml_path(str(MJCF_PATH))
+        self._data: Any = mujoco.MjData(self._model)
+        self._joints = self._addresses(JOINT_NAMES)
+        self._fingers = [self._addresses(FINGER_JOINTS[side]) for side in ("left", "right")]
+        # The torso stays at the origin, so that everything comes out in the body frame.
+        self._data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
+        torso = self._model.body(BODY_FRAME).id
+        self._links = [
+            (body, int(self._model.body_parentid[body]))
+            for body in range(self._model.nbody)
+            if body not in {0, torso}
+        ]
+        self._sites = [
+            self._model.site(name).id for name in (*HAND_FRAMES.values(), *FOOT_FRAMES.values())
+        ]
+
+    def meshes(self) -> list[LinkMesh]:
+        """The looks of every link, in its frame."""
+        return link_meshes(self._model)
+
+    def place(self, joints: Array, gripper_closure: Array) -> None:
+        """Bring the links to ``joints`` (27,) [rad] and ``gripper_closure`` (2,), 1 closed."""
+        self._data.qpos[self._joints] = joints
+        for addresses, closure in zip(self._fingers, gripper_closure.tolist(), strict=True):
+            self._data.qpos[addresses] = GRIPPER_STROKE * (1.0 - closure)
+        self._mujoco.mj_kinematics(self._model, self._data)
+
+    def frames(self) -> list[Frame]:
+        """Every link in its parent link; hands and feet in the link that carries them."""
+        data, model = self._data, self._model
+        links = [
+            self._relative(model.body(body).name, parent, data.xpos[body], data.xquat[body])
+            for body, parent in self._links
+        ]
+        sites = [
+            self._relative(
+                model.site(site).name,
+                int(model.site_bodyid[site]),
+                data.site_xpos[site],
+                self._site_quaternion(site),
+            )
+            for site in self._sites
+        ]
+        return links + sites
+
+    def in_body(self, site: str) -> tuple[Array, Array]:
+        """Position (3,) [m] and quaternion (4,) of a site in ``torso_link``."""
+        number = self._model.site(site).id
+        return self._data.site_xpos[number].copy(), self._site_quaternion(number)
+
+    def _addresses(self, names: tuple[str, ...]) -> list[int]:
+        return [int(self._model.joint(name).qposadr[0]) for name in names]
+
+    def _site_quaternion(self, site: int) -> Array:
+        quaternion = np.zeros(4)
+        self._mujoco.mju_mat2Quat(quaternion, self._data.site_xmat[site])
+        return quaternion
+
+    def _relative(self, name: str, parent: int, position: Array, quaternion: Array) -> Frame:
+        inverse, shift, turn = np.zeros(4), np.zeros(3), np.zeros(4)
+        self._mujoco.mju_negQuat(inverse, self._data.xquat[parent])
+        offset = position - self._data.xpos[parent]
+        self._mujoco.mju_rotVecQuat(shift, offset, inverse)
+        self._mujoco.mju_mulQuat(turn, inverse, quaternion)
+        parent_name = self._model.body(parent).name
+        return Frame(name, parent_name, shift, turn)
