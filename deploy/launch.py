@@ -68,7 +68,7 @@ def running_system(
         supervisor = Supervisor(
             [*robot_processes(options, run_dir), *operators],
             run_dir / "logs",
-            environment(port, options.config),
+            environment(port, options.config, options.links),
         )
         bus = known.model_copy(update={"base_port": port})
         with contextlib.suppress(KeyboardInterrupt), terminated_as_interrupted(), supervisor:

@@ -35,6 +35,7 @@ class SystemOptions:
         record: whether everything is logged.
         config: TOML file for the whole stack, or None.
         restart: what happens to a service that fails.
+        links: injected delays, as the text of TRILL_LINKS.
     """
 
     mode: str = "relaxed"
@@ -42,6 +43,7 @@ class SystemOptions:
     record: bool = True
     config: Path | None = None
     restart: Restart = Restart.NEVER
+    links: str = ""
 
 
 def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
@@ -100,9 +102,11 @@ def keyboard_operator() -> ProcessSpec:
     )
 
 
-def environment(base_port: int, config: Path | None) -> dict[str, str]:
+def environment(base_port: int, config: Path | None, links: str = "") -> dict[str, str]:
     """Variables that bring all processes of one system together."""
     variables = {"TRILL_BASE_PORT": str(base_port)}
+    if links:
+        variables["TRILL_LINKS"] = links
     if config is not None:
         variables["TRILL_CONFIG"] = str(config.resolve())
     return variables

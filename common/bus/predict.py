@@ -20,12 +20,13 @@ EVENT_RATE = 0.2
 
 _RUNS = 8
 _ARRIVALS = 8000
-_MOST_ARRIVALS = 160_000
-_TIME_CONSTANTS = 1000.0
+_MOST_ARRIVALS = 64_000
+_TIME_CONSTANTS = 400.0
 """Of a correlated jitter that are simulated; a long tail needs as many."""
-_SEARCH_ARRIVALS = 32_000
+_SEARCH_ARRIVALS = 16_000
 """Most that are simulated of each specification that might be proposed."""
-_CORRELATIONS = ("100ms", "200ms", "500ms", "1s", "2s", "4s", "8s", "15s", "30s")
+_CORRELATIONS = (0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0, 15.0, 30.0)
+"""Time constants that may be proposed [s]."""
 
 
 @dataclass(frozen=True)
@@ -172,18 +173,32 @@ def alternative(prediction: Prediction) -> str:
         spec = spec.model_copy(update={"distribution": Distribution.LOGNORMAL})
     found = []
     if spec.distribution is not Distribution.TRACE:
-        for text in _CORRELATIONS:
-            slower = LinkSpec.parse(f"normal(1s, 1s) corr={text}").correlation
-            if slower <= spec.correlation:
-                continue
-            tried = spec.model_copy(update={"correlation": slower, "keep_order": True})
-            if predict(tried, rate, min(_enough(tried, rate), _SEARCH_ARRIVALS)).surely_faithful:
-                found.append(f'"{tried}"')
-                break
+        slower = _slow_enough(spec, rate)
+        if slower is not None:
+            found.append(f'"{slower}"')
     free = spec.model_copy(update={"keep_order": False, "correlation": 0.0})
     if predict(free, rate).faithful:
         found.append(f'"{free}" (messages may overtake each other)')
     return " or ".join(found)
+
+
+def _slow_enough(spec: LinkSpec, rate: float) -> LinkSpec | None:
+    """The same delays with the fastest jitter that keeps order and mean; None: there is none."""
+    tried = [
+        spec.model_copy(update={"correlation": seconds, "keep_order": True})
+        for seconds in _CORRELATIONS
+        if seconds > spec.correlation
+    ]
+    # The slower, the less is held back.
+    low, high = 0, len(tried)
+    while low < high:
+        middle = (low + high) // 2
+        arrivals = min(_enough(tried[middle], rate), _SEARCH_ARRIVALS)
+        if predict(tried[middle], rate, arrivals).surely_faithful:
+            high = middle
+        else:
+            low = middle + 1
+    return tried[low] if low < len(tried) else None
 
 
 def figures(delays: list[float]) -> Figures:
