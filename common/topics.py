@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 from common.schemas import (
     CameraFrame,
     ControllerState,
+    DeviceInput,
     EpisodeMark,
     Estop,
     GaitReply,
@@ -85,6 +86,7 @@ WBC_STATE = Topic("wbc/state", ControllerState, 100.0, 0.2, doc="state machine, 
 WBC_REPLY = Topic("wbc/reply", GaitReply, 0.0, delivery=_EVENT, doc="answers to gait requests")
 TELEOP_SETPOINT = Topic("teleop/setpoint", Setpoint, 20.0, 0.25, doc="hands, grippers, neck")
 TELEOP_GAIT = Topic("teleop/gait", GaitRequest, 0.0, 0.5, _EVENT, doc="gait requests")
+TELEOP_DEVICE = Topic("teleop/device", DeviceInput, 20.0, 0.25, doc="headset and controllers")
 TELEOP_STATUS = Topic("teleop/status", OperatorStatus, 5.0, 1.0, doc="progress of a script")
 CAMERA_LEFT = Topic("camera/left", CameraFrame, 20.0, 0.5, priority=_B, doc="left eye")
 CAMERA_RIGHT = Topic("camera/right", CameraFrame, 20.0, 0.5, priority=_B, doc="right eye")
@@ -115,6 +117,7 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     WBC_REPLY,
     TELEOP_SETPOINT,
     TELEOP_GAIT,
+    TELEOP_DEVICE,
     TELEOP_STATUS,
     CAMERA_LEFT,
     CAMERA_RIGHT,

@@ -6,7 +6,7 @@ A short name stands for every link of a kind, with the right consumers:
   them.
 - ``camera``: both eyes, for every consumer.
 - ``feedback``: robot → operator: both eyes, and what an operator, policy or bridge reads of the
-  plant and the controller.
+  plant, its scene and the controller.
 - ``both``: ``command`` and ``feedback``.
 
 The emergency stop, requests to the plant and the joint command are in none of them: they are
@@ -24,6 +24,8 @@ from common.topics import (
     CAMERA_RIGHT,
     PLANT_STATE,
     PLANT_STATUS,
+    TASK_SCENE,
+    TASK_STATUS,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     WBC_REPLY,
@@ -39,7 +41,10 @@ EYES = frozenset({CAMERA_LEFT.name, CAMERA_RIGHT.name})
 
 _TOPICS = frozenset(topic.name for topic in ALL_TOPICS)
 _COMMAND = frozenset({TELEOP_SETPOINT.name, TELEOP_GAIT.name})
-_OBSERVED = frozenset({PLANT_STATE.name, PLANT_STATUS.name, WBC_STATE.name, WBC_REPLY.name})
+_OBSERVED = frozenset(
+    topic.name
+    for topic in (PLANT_STATE, PLANT_STATUS, TASK_SCENE, TASK_STATUS, WBC_STATE, WBC_REPLY)
+)
 
 _DEPTHS = {"both": 0, "feedback": 1, "camera": 2, "command": 2}
 """Short names, the wider the lower."""

@@ -2,6 +2,7 @@
 
 from common.schemas.base import Header, Message
 from common.schemas.camera import CameraFrame
+from common.schemas.device import DeviceInput, HandController
 from common.schemas.episode import EpisodeAction, EpisodeMark
 from common.schemas.health import (
     Heartbeat,
@@ -38,6 +39,7 @@ __all__ = [
     "CameraFrame",
     "ControlState",
     "ControllerState",
+    "DeviceInput",
     "EpisodeAction",
     "EpisodeMark",
     "Estop",
@@ -46,6 +48,7 @@ __all__ = [
     "GaitReply",
     "GaitRequest",
     "GuardMode",
+    "HandController",
     "Header",
     "Heartbeat",
     "JointCommand",

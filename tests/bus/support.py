@@ -77,6 +77,28 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
     )
 
 
+def device_input() -> schemas.DeviceInput:
+    hand = schemas.HandController(
+        position=VECTOR,
+        quaternion=QUATERNION,
+        tracked=True,
+        trigger=0.5,
+        squeeze=0.75,
+        lower=True,
+        upper=True,
+        stick=PAIR,
+        stick_pressed=True,
+    )
+    return schemas.DeviceInput(
+        device="synthetic",
+        head_position=VECTOR,
+        head_quaternion=QUATERNION,
+        head_tracked=True,
+        left=hand,
+        right=hand.model_copy(update={"position": -VECTOR}),
+    )
+
+
 def examples() -> list[Message]:
     """One message of every schema on the bus, none of whose fields has its default."""
     return [
@@ -133,6 +155,7 @@ def examples() -> list[Message]:
             neck_pitch=0.3,
         ),
         schemas.GaitRequest(request_id=9, gait=Gait.SIDE_RIGHT),
+        device_input(),
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
         health(),

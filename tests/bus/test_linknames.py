@@ -21,7 +21,9 @@ from common.topics import (
     WBC_COMMAND,
 )
 
-OPERATOR_READS = {"plant/state", "plant/status", "wbc/state", "wbc/reply"}
+OPERATOR_READS = {
+    *("plant/state", "plant/status", "task/scene", "task/status", "wbc/state", "wbc/reply")
+}
 EYES = {"camera/left", "camera/right"}
 
 
