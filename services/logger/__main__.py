@@ -20,6 +20,8 @@ from services.logger.tally import format_report
 from services.logger.units import parse_duration, parse_size
 
 FILE_NAME = "log.mcap"
+PRIORITY = 1
+"""The lowest of SCHED_FIFO."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -30,11 +32,14 @@ def parser() -> argparse.ArgumentParser:
         "sent, until Ctrl-C. Prints how many messages of each topic were sent, recorded, lost on "
         "the way and dropped. A killed logger loses less than a second; the file stays readable, "
         "and `trill repair` makes it whole.",
-        # Recording must never take the processor from the control loop, and records every message
-        # when it arrives.
+        # Whatever file and environment say of the control loop is not meant for the recorder, and
+        # it records every message when it arrives.
         background=True,
         delayable=False,
     )
+    # Below every service of the robot, so that it never takes the processor from the control
+    # loop; above all else, since what waits for a busy machine is lost in a crash.
+    result.set_defaults(rt_priority=PRIORITY)
     result.add_argument(
         "--out",
         type=Path,
