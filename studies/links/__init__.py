@@ -1,0 +1,1 @@
+"""Injected delays, asked for against achieved: at consumers, live and in simulated time."""
