@@ -204,7 +204,7 @@ class Slot:
         transit = raw.arrival_ns - raw.injected_ns - header.sent - offset
         if offset != UNKNOWN and header.sent and transit > self._oldest_ns:
             self.stale += 1
-            self._sequence.observe(header)
+            self._observe(header)
             kind = Take.STALE
         else:
             kind = self._accept(message, raw.arrival_ns)
@@ -226,11 +226,7 @@ class Slot:
     def _accept(self, message: Message, arrival_ns: int) -> Take:
         """Take in a good message, unless it repeats or (for a latest value) comes too late."""
         self.valid = True
-        skipped = self.skipped
-        if skipped != self._skipped_seen:
-            self._sequence.excuse(skipped - self._skipped_seen)
-            self._skipped_seen = skipped
-        order = self._sequence.observe(message.header)
+        order = self._observe(message.header)
         if order is Arrival.WILD:
             self._refuse(
                 SchemaError(f"sequence number {message.header.seq} is far beyond the last")
@@ -245,6 +241,14 @@ class Slot:
                 return Take.LATE
         self.show(message, arrival_ns)
         return Take.APPLIED
+
+    def _observe(self, header: Header) -> Arrival:
+        """Account for a message's number; what was skipped before it is not missing."""
+        skipped = self.skipped
+        if skipped != self._skipped_seen:
+            self._sequence.excuse(skipped - self._skipped_seen)
+            self._skipped_seen = skipped
+        return self._sequence.observe(header)
 
     def show(self, message: Message, arrival_ns: int) -> None:
         """Let the service see a good message; a replay comes here directly."""

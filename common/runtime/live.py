@@ -5,32 +5,29 @@ import logging
 import signal
 import threading
 import time
-from collections.abc import Sequence
 from types import FrameType
-from typing import Annotated, Any
-
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from typing import Any
 
 from common.bus.config import BusConfig
 from common.bus.inbox import Inbox
 from common.bus.journal import Journal
 from common.bus.links import Links
-from common.bus.publisher import Publisher
 from common.bus.session import BusError, new_boot_id, open_session
 from common.bus.slot import SlotTools
 from common.bus.subscriptions import subscribe
-from common.errors import SchemaError, TrillError
 from common.runtime.aides import Aide, Place
 from common.runtime.clocks import Clocks
+from common.runtime.config import RuntimeConfig
+from common.runtime.describing import Describing
 from common.runtime.heartbeats import Heartbeats
 from common.runtime.journaling import Journaling
 from common.runtime.linkaide import LinkAide
 from common.runtime.loopstats import LoopStats
+from common.runtime.outlets import Outlets
 from common.runtime.pacing import ClockPace, TriggerPace
-from common.runtime.realtime import DEFAULT_PRIORITY
-from common.runtime.service import Output, Service
-from common.schemas import Message, OutputHealth, ServiceHealth
-from common.topics import ALL_TOPICS, HEALTH, Topic
+from common.runtime.service import Service
+from common.schemas import ServiceHealth
+from common.topics import HEALTH, JOURNAL
 
 _log = logging.getLogger(__name__)
 
@@ -38,32 +35,6 @@ _LONGEST_SLEEP_S = 0.1
 """A signal is noticed within this time."""
 _HEALTH_PERIOD_NS = 500_000_000
 _COLLECT_PERIOD_NS = 1_000_000_000
-
-
-class RuntimeConfig(BaseModel):
-    """How a live service is run."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    rt_priority: int = Field(
-        default=DEFAULT_PRIORITY, ge=0, le=99, description="SCHED_FIFO priority; 0: normal"
-    )
-    spin_us: int = Field(
-        default=100, ge=0, le=2000, description="last part of a wait that is not slept away"
-    )
-    seed: int = Field(default=0, ge=0, description="of links without their own")
-    max_age: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
-        default_factory=dict,
-        description="by topic: not applied if older on arrival [s], where the table's is too short",
-    )
-
-    @field_validator("max_age")
-    @classmethod
-    def _known(cls, ages: dict[str, float]) -> dict[str, float]:
-        known = {topic.name for topic in ALL_TOPICS}
-        for name in ages.keys() - known:
-            raise ValueError(f"no topic {name!r}; expected one of {', '.join(sorted(known))}")
-        return ages
 
 
 class LiveRunner:
@@ -108,6 +79,7 @@ class LiveRunner:
                 clocks, lambda: self._stats.steps, service.period_ns, service.heartbeat_promise_s
             ),
             LinkAide(service.name, self._links),
+            Describing((*service.writes, HEALTH, JOURNAL)),
         )
         self.inbox = Inbox(
             service.reads,
@@ -118,7 +90,7 @@ class LiveRunner:
             tools=SlotTools(clocks.offset_of, time.monotonic_ns, self._journal),
             max_age=self._runtime.max_age,
         )
-        self._publishers: dict[str, Publisher[Any]] = {}
+        self._outlets: Outlets
         self._next_health = self._next_collect = 0
         self._settled = False
 
@@ -190,33 +162,15 @@ class LiveRunner:
 
     def _open_topics(self, session: Any) -> None:
         """Declare publishers and subscribers."""
-        boot = new_boot_id()
-        service = self._service
-        own = [topic for aide in self._aides for topic in aide.writes]
-        for topic in {t.name: t for t in (*service.writes, HEALTH, *own)}.values():
-            self._publishers[topic.name] = Publisher(
-                session, self._bus.robot, topic, service.name, boot
-            )
-        service.wanted = lambda topic: self._publishers[topic.name].wanted
-        self._subscribers = subscribe(session, self._bus.robot, self.inbox, service.reads)
-        place = Place(
-            session,
-            self._bus.robot,
-            service.name,
-            boot,
-            self.inbox,
-            self._send,
-            lambda topic: self._publishers[topic.name].wanted,
-        )
+        service, robot, boot = self._service, self._bus.robot, new_boot_id()
+        own = (HEALTH, *(topic for aide in self._aides for topic in aide.writes))
+        outlets = Outlets(session, robot, service.name, boot, writes=service.writes, own=own)
+        self._outlets = outlets
+        service.wanted = outlets.wanted
+        self._subscribers = subscribe(session, robot, self.inbox, service.reads)
+        place = Place(session, robot, service.name, boot, self.inbox, outlets.send, outlets.wanted)
         for aide in self._aides:
             aide.open(place)
-
-    def _send(self, topic: Topic[Any], message: Message) -> None:
-        """Publish what an aide has to say; what does not fit the wire is logged, not raised."""
-        try:
-            self._publishers[topic.name].send(message)
-        except SchemaError:
-            _log.exception("%s cannot send %s", self._service.name, topic.name)
 
     def _close_aides(self) -> None:
         """Let every aide end, whatever another one raises."""
@@ -258,15 +212,25 @@ class LiveRunner:
             arrival = inbox.trigger_arrival(now)
             if arrival is None or not pace.accepts(arrival):
                 if now < pace.due_ns:
-                    wake_at = min(pace.due_ns, inbox.next_trigger_due_ns, self._aides_due())
-                    inbox.wait(min(max(0.0, 1e-9 * (wake_at - now)), _LONGEST_SLEEP_S))
-                    self._tend_if_due(time.monotonic_ns())
+                    self._wait_for_trigger(now, min(pace.due_ns, self._aides_due()))
                     continue
                 pace.timed_out(now)
             self._step(now)
             ended = time.monotonic_ns()
             self._stats.count(ended - now, pace.ended(ended, now))
             self._between_steps(ended)
+
+    def _wait_for_trigger(self, now_ns: int, wake_at_ns: int) -> None:
+        """Sleep until an arrival, or until one falls due (the last part of that awake)."""
+        inbox = self.inbox
+        due_ns = inbox.next_trigger_due_ns
+        spin_ns = 1000 * self._runtime.spin_us if due_ns <= wake_at_ns else 0
+        left = min(due_ns, wake_at_ns) - now_ns - spin_ns
+        if left > 0:
+            inbox.wait(min(1e-9 * left, _LONGEST_SLEEP_S))
+        elif spin_ns:
+            time.sleep(0)  # lets the transport's threads have the interpreter
+        self._tend_if_due(time.monotonic_ns())
 
     def _sleep_until(self, due_ns: int) -> bool:
         """Sleep, the last part awake; False if the service is to stop."""
@@ -286,20 +250,10 @@ class LiveRunner:
 
     def _step(self, now_ns: int) -> None:
         self.inbox.begin_step(now_ns)
-        self._publish(self._service.step(self.inbox, now_ns), now_ns)
+        self._outlets.publish(self._service.step(self.inbox, now_ns), now_ns)
         self._journal.end(time.monotonic_ns())
         if self._service.exit_code is not None:
             self._stopping = True
-
-    def _publish(self, outputs: Sequence[Output], now_ns: int) -> None:
-        for output in outputs:
-            publisher = self._publishers.get(output.topic.name)
-            if publisher is None:
-                raise TrillError(
-                    f"{self._service.name} published {output.topic.name!r}; expected one of its "
-                    f"`writes`: {', '.join(t.name for t in self._service.writes) or 'none'}"
-                )
-            publisher.send(output.message, now_ns)
 
     def _between_steps(self, now_ns: int) -> None:
         """Tend the aides, publish health twice a second and collect garbage once."""
@@ -307,7 +261,7 @@ class LiveRunner:
             aide.tend(now_ns)
         if now_ns >= self._next_health:
             self._next_health = max(self._next_health + _HEALTH_PERIOD_NS, now_ns)
-            self._send(HEALTH, self._health())
+            self._outlets.send(HEALTH, self._health())
         elif now_ns >= self._next_collect:
             self._next_collect = now_ns + _COLLECT_PERIOD_NS
             gc.collect()
@@ -316,11 +270,7 @@ class LiveRunner:
                 gc.freeze()
 
     def _health(self) -> ServiceHealth:
-        outputs = [
-            OutputHealth(topic=name, sent=publisher.sent, errors=publisher.errors)
-            for name, publisher in self._publishers.items()
-        ]
-        more: dict[str, Any] = {"outputs": outputs}
+        more: dict[str, Any] = {"outputs": self._outlets.health()}
         for aide in self._aides:
             more |= aide.report()
         return self._stats.health(self.inbox).model_copy(update=more)

@@ -27,7 +27,8 @@ from pydantic import ValidationError
 from common.bus.config import DEFAULT_BASE_PORT, BusConfig, bus_config, read_config_file, split_list
 from common.bus.links import Links, parse_link_options
 from common.errors import ConfigError, TrillError, explain
-from common.runtime.live import LiveRunner, RuntimeConfig
+from common.runtime.config import RuntimeConfig
+from common.runtime.live import LiveRunner
 from common.runtime.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.runtime.service import Service
 

@@ -242,3 +242,20 @@ def test_after_a_cut_of_two_seconds_only_what_is_young_is_applied(cut: Cut) -> N
     # And it goes on.
     for name in ("plant/state", "teleop/setpoint", "teleop/gait"):
         assert len(cut.ages[name]) > applied[name] + 10
+
+
+def test_what_was_let_go_before_a_stale_message_is_not_missing() -> None:
+    inbox = Inbox([PLANT_STATE], service="wbc")
+    state = plant_state()
+    sent = [NOW + number * SECOND // 100 for number in range(100)]
+    for number, time_ns in enumerate(sent):
+        header = Header(seq=number, sent=time_ns, boot=1, source="sim")
+        # The first comes in time; then the reader stands still and gets all the rest at once.
+        inbox.offer(PLANT_STATE.name, encode(state, header), sent[0 if number == 0 else -1])
+        if number == 0:
+            inbox.begin_step(time_ns)
+    inbox.begin_step(sent[-1])
+    status = inbox.status(PLANT_STATE)
+    assert status.skipped > 50
+    assert status.stale > 10
+    assert status.gaps == 0

@@ -12,7 +12,8 @@ from common.bus.config import BusConfig
 from common.bus.inbox import Inbox
 from common.bus.session import open_session
 from common.bus.subscriptions import subscribe
-from common.runtime.live import LiveRunner, RuntimeConfig
+from common.runtime.config import RuntimeConfig
+from common.runtime.live import LiveRunner
 from common.runtime.service import Inputs, Output, Service
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_STATE
 
