@@ -37,11 +37,17 @@ def enter_time_namespace(skew_s: float) -> None:
     Path("/proc/self/timens_offsets").write_text(f"monotonic {seconds} {nanoseconds}\n")
 
 
-def shift_clock(skew_s: float, step_s: float, after_s: float) -> None:
-    """Replace ``time.monotonic_ns`` and pass for another host."""
+def shift_clock(skew_s: float, step_s: float, at_s: float) -> None:
+    """Replace ``time.monotonic_ns`` and pass for another host.
+
+    Args:
+        skew_s: ahead by this much [s].
+        step_s: and set ahead by this much [s] ...
+        at_s: ... at this time of the true clock [s].
+    """
     true_clock = time.monotonic_ns
     skew, step = round(1e9 * skew_s), round(1e9 * step_s)
-    turn = true_clock() + round(1e9 * after_s)
+    turn = round(1e9 * at_s)
 
     def shifted() -> int:
         now = true_clock()
@@ -62,12 +68,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--skew", type=float, default=0.0, help="ahead by this much [s]")
     parser.add_argument("--step", type=float, default=0.0, help="set ahead by this much [s] ...")
     parser.add_argument("--after", type=float, default=5.0, help="... after this long [s]")
+    parser.add_argument("--at", type=float, help="... or at this monotonic time [s]")
     parser.add_argument("--namespace", action="store_true", help="by a Linux time namespace")
     parser.add_argument("module", help="and its arguments, after --")
     arguments, rest = parser.parse_known_args(argv)
     rest = [text for text in rest if text != "--"]
     if not arguments.namespace:
-        shift_clock(arguments.skew, arguments.step, arguments.after)
+        at = time.monotonic() + arguments.after if arguments.at is None else arguments.at
+        shift_clock(arguments.skew, arguments.step, at)
     else:
         enter_time_namespace(arguments.skew)
         # Linux since 6.3 change over in exec; before, in the next child only.
