@@ -43,7 +43,7 @@ class PlantService(Service):
 
     name = "sim"
     reads = (WBC_COMMAND, PLANT_REQUEST, ESTOP)
-    writes = (PLANT_STATE, PLANT_TRUTH, PLANT_STATUS)
+    writes: tuple[Topic[Any], ...] = (PLANT_STATE, PLANT_TRUTH, PLANT_STATUS)
 
     def __init__(self, config: SimConfig | None = None) -> None:
         self.plant = Plant(config)

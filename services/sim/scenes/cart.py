@@ -10,6 +10,8 @@ from services.sim.scenes.parts import add_materials, box_inertia, look, set_mass
 CART: Final = "cart"
 CART_JOINTS: Final = ("cart_x", "cart_y", "cart_yaw")
 """Slides along world x and y [m], then a turn about the vertical [rad]."""
+PARKED: Final = (0.68, -0.72)
+"""Where it stands unless a task says otherwise (x, y) [m]."""
 BAR_OFFSET: Final = 0.40
 """From the trolley's centre to the push bar, along its -x [m]."""
 TRAY_HEIGHT: Final = 0.7225
@@ -50,20 +52,21 @@ _BODY_LOW = 0.15
 
 
 def add_cart(spec: Any) -> None:
-    """Add the trolley at the world's origin, its push bar towards -x."""
+    """Add the trolley, its push bar towards -x; its joints are its place in the world."""
     add_materials(spec, _COLOURS)
-    cart = spec.worldbody.add_body(name=CART)
+    cart = spec.worldbody.add_body(name=CART, pos=[*PARKED, 0.0])
     frictions = (ROLLING_FRICTION, SIDE_FRICTION, TURN_FRICTION)
     dampings = (ROLLING_DAMPING, SIDE_DAMPING, TURN_DAMPING)
     slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
     axes = ((slide, (1, 0, 0)), (slide, (0, 1, 0)), (hinge, (0, 0, 1)))
-    for name, (kind, axis), friction, damping in zip(
-        CART_JOINTS, axes, frictions, dampings, strict=True
+    for name, (kind, axis), ref, friction, damping in zip(
+        CART_JOINTS, axes, (*PARKED, 0.0), frictions, dampings, strict=True
     ):
         cart.add_joint(
             name=name,
             type=kind,
             axis=list(axis),
+            ref=ref,
             frictionloss=friction.value,
             damping=damping.value,
         )

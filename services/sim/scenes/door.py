@@ -64,9 +64,13 @@ _QUANTITIES = (
     LEAF_GRIP,
 )
 
-_HINGE_RANGE = 2.0
+_HINGE_RANGE = 1.75
 _LEAF_HALF = (0.025, 0.485, 0.98)
 _BOLT_HALF = (0.012, 0.0225, 0.015)
+_FRAME = {"contype": 4, "conaffinity": 1}
+_LEAF = {"contype": 8, "conaffinity": 1}
+"""The robot (all of bit 1) meets frame and leaf, which do not meet each other: hinge and stop are
+the joint's."""
 _BOLT_BIT = 2
 """Only bolt and strike meet each other; the bolt must not rub in its own case."""
 _STRIKE_FACE = 0.4925
@@ -100,14 +104,17 @@ def _add_surroundings(spec: Any) -> None:
             "wall.right": ((0.05, 1.0, 1.25), (DOOR_X, -OPENING - 1.07, 1.25)),
             "wall.top": ((0.05, OPENING + 0.07, 0.215), (DOOR_X, 0.0, 2.285)),
         },
+        **_FRAME,
     )
     world = spec.worldbody
     for side, y in (("left", OPENING + 0.035), ("right", -OPENING - 0.035)):
-        solid(world, f"jamb.{side}", "box", (0.075, 0.035, 1.0), (DOOR_X, y, 1.0), "frame")
+        solid(
+            world, f"jamb.{side}", "box", (0.075, 0.035, 1.0), (DOOR_X, y, 1.0), "frame", **_FRAME
+        )
         for front in (-1.0, 1.0):
             where = (DOOR_X + 0.062 * front, y + 1.053 * (1 if y > 0 else -1), 0.05)
             look(world, "box", (0.013, 0.995, 0.05), where, "skirting")
-    solid(world, "jamb.head", "box", (0.075, 0.57, 0.035), (DOOR_X, 0.0, 2.035), "frame")
+    solid(world, "jamb.head", "box", (0.075, 0.57, 0.035), (DOOR_X, 0.0, 2.035), "frame", **_FRAME)
     # The strip the closed leaf rests against, on the robot's side: seen, and behind the joint stop.
     look(world, "box", (0.012, 0.012, 1.0), (DOOR_X - 0.045, 0.49, 1.0), "frame")
     look(world, "box", (0.012, 0.012, 1.0), (DOOR_X - 0.045, -0.49, 1.0), "frame")
@@ -127,19 +134,8 @@ def _add_leaf(spec: Any) -> Any:
     )
     centre = (0.0, OPENING, 1.0)
     set_mass(leaf, LEAF_MASS.value, box_inertia(LEAF_MASS.value, _LEAF_HALF), centre)
-    # Bit 4 keeps it off the frame its hinge turns in; the robot has all of bit 1.
     grip = (LEAF_GRIP.value, 0.005, 0.0001)
-    solid(
-        leaf,
-        "leaf.board",
-        "box",
-        _LEAF_HALF,
-        centre,
-        "leaf",
-        friction=grip,
-        contype=1,
-        conaffinity=5,
-    )
+    solid(leaf, "leaf.board", "box", _LEAF_HALF, centre, "leaf", friction=grip, **_LEAF)
     for face in (-1.0, 1.0):
         _decorate(leaf, face)
     for height in (0.25, 1.0, 1.75):
@@ -183,13 +179,14 @@ def _add_lever(leaf: Any) -> None:
             (0.1 * face, -0.08, 0.0),
             "steel",
             friction=grip,
+            **_LEAF,
         )
         look(lever, "cylinder", (0.0165, 0.014), (0.1 * face, 0.0, 0.0), "steel", quat=_ALONG_X)
         look(lever, "cylinder", (0.014, 0.018), (0.1 * face, -0.17, 0.0), "steel", quat=_ALONG_X)
         spindle = (0.0125, 0.04)
         solid(
             lever, f"lever.{name}_neck", "cylinder", spindle, (0.062 * face, 0.0, 0.0), "steel",
-            quat=_ALONG_X,
+            quat=_ALONG_X, **_LEAF,
         )  # fmt: skip
         rose = (0.028 * face, OPENING + LEVER_Y, LEVER_HEIGHT)
         look(leaf, "box", (0.004, 0.03, 0.11), (rose[0], rose[1], rose[2] - 0.05), "brass")
@@ -206,6 +203,10 @@ _SLIDING_STEEL: Final[dict[str, Any]] = {
     "solref": (0.004, 1.0),
     "solimp": (0.95, 0.99, 0.001, 0.5, 2.0),
 }
+
+
+_STRIKE: Final = {**_SLIDING_STEEL, "conaffinity": _BOLT_BIT | 1}
+"""The strike meets the robot too."""
 
 
 def _add_latch(spec: Any, leaf: Any) -> None:
@@ -226,7 +227,7 @@ def _add_latch(spec: Any, leaf: Any) -> None:
     x = DOOR_X + _BOLT_HALF[0] + 0.002 + 0.015
     half = (0.015, 0.02, 0.05)
     where = (x, _STRIKE_FACE + half[1], LEVER_HEIGHT)
-    solid(spec.worldbody, "strike.plate", "box", half, where, "brass", **_SLIDING_STEEL)
+    solid(spec.worldbody, "strike.plate", "box", half, where, "brass", **_STRIKE)
     equality = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         name1=LATCH_JOINT,

@@ -21,6 +21,8 @@ _SHAPES = {
 }
 
 Numbers = Sequence[float]
+Box = tuple[Numbers, Numbers]
+"""Half sizes and centre [m]."""
 
 
 def add_materials(spec: Any, colours: Mapping[str, Numbers]) -> None:
@@ -104,12 +106,10 @@ def box_inertia(mass: float, half: Numbers) -> list[float]:
     return [mass * (y + z) / 12.0, mass * (x + z) / 12.0, mass * (x + y) / 12.0]
 
 
-def add_walls(
-    spec: Any, boxes: Mapping[str, tuple[Numbers, Numbers]], material: str = "wall"
-) -> None:
+def add_walls(spec: Any, boxes: Mapping[str, Box], material: str = "wall", **options: Any) -> None:
     """Add fixed boxes ``name: (half sizes, centre)`` to the world."""
     for name, (size, pos) in boxes.items():
-        solid(spec.worldbody, name, "box", size, pos, material)
+        solid(spec.worldbody, name, "box", size, pos, material, **options)
 
 
 def light_from(spec: Any, pos: Numbers, target: Numbers) -> None:

@@ -20,16 +20,16 @@ TOOL: Final = "tool"
 TOOL_JOINT: Final = "tool_free"
 BOX: Final = "box"
 BOX_JOINT: Final = "box_free"
-TOOL_PLACE: Final = (0.42, -0.28)
+TOOL_PLACE: Final = (0.435, -0.28)
 """Where the tool stands (x, y) [m]."""
-BOX_PLACE: Final = (0.42, -0.08)
+BOX_PLACE: Final = (0.435, -0.08)
 """Middle of the box (x, y) [m]."""
 BOX_HALF: Final = (0.105, 0.08)
 """Half the box's inner sides [m]."""
 BOX_HEIGHT: Final = 0.07
 """Of the box's walls [m]."""
-GRIP_HEIGHT: Final = 0.085
-"""Of the middle of the tool's handle above what it stands on [m]."""
+GRIP_HEIGHT: Final = 0.10
+"""Where to grip the tool, above what it stands on [m]: 2 cm above the torso frame."""
 
 TOOL_BATTERY = Quantity("tool, battery", 0.16, "kg", "low centre of mass: it stands by itself")
 TOOL_REST = Quantity("tool, handle and head", 0.12, "kg", "0.28 kg in all; 0.1 to 0.3 kg were held")
@@ -97,14 +97,15 @@ def _add_box(spec: Any) -> None:
     box = spec.worldbody.add_body(name=BOX, pos=[*BOX_PLACE, TABLE_TOP])
     box.add_joint(name=BOX_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     grip = {"friction": (BOX_GRIP.value, 0.005, 0.0001)}
-    x, y, half = *BOX_HALF, 0.5 * BOX_HEIGHT
+    x, y, half = *BOX_HALF, 0.5 * BOX_HEIGHT - _WALL
+    middle = half + 2 * _WALL
     floor = (x + 2 * _WALL, y + 2 * _WALL, _WALL)
     solid(box, "box.floor", "box", floor, (0.0, 0.0, _WALL), "crate_floor", **grip)
     for name, where, size in (
-        ("far", (x + _WALL, 0.0, half), (_WALL, y + 2 * _WALL, half)),
-        ("near", (-x - _WALL, 0.0, half), (_WALL, y + 2 * _WALL, half)),
-        ("left", (0.0, y + _WALL, half), (x, _WALL, half)),
-        ("right", (0.0, -y - _WALL, half), (x, _WALL, half)),
+        ("far", (x + _WALL, 0.0, middle), (_WALL, y + 2 * _WALL, half)),
+        ("near", (-x - _WALL, 0.0, middle), (_WALL, y + 2 * _WALL, half)),
+        ("left", (0.0, y + _WALL, middle), (x, _WALL, half)),
+        ("right", (0.0, -y - _WALL, middle), (x, _WALL, half)),
     ):
         solid(box, f"box.{name}", "box", size, where, "crate", **grip)
     inertia = box_inertia(BOX_MASS.value, (x, y, half))

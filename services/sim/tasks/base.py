@@ -63,7 +63,7 @@ class Pose:
     @property
     def up(self) -> float:
         """Cosine of the angle between its z axis and the vertical."""
-        _, x, y, _ = self.quaternion.tolist()
+        x, y = float(self.quaternion[1]), float(self.quaternion[2])
         return 1.0 - 2.0 * (x * x + y * y)
 
     def local(self, point: Array) -> Array:

@@ -7,7 +7,6 @@ has to be told.
 import importlib
 import pkgutil
 from functools import cache
-from pathlib import Path
 
 from services.sim.errors import TaskError
 from services.sim.tasks.base import Task
@@ -23,8 +22,8 @@ def all_tasks() -> dict[str, Task]:
         TaskError: a folder's task is not called like the folder.
     """
     found = {}
-    here = str(Path(__file__).parent)
-    for info in pkgutil.walk_packages([here], prefix=f"{_PACKAGE}."):
+    package = importlib.import_module(_PACKAGE)
+    for info in pkgutil.walk_packages(package.__path__, prefix=f"{_PACKAGE}."):
         if not info.ispkg:
             continue
         task = getattr(importlib.import_module(info.name), "TASK", None)

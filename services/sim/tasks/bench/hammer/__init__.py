@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from services.sim.scenes.bench import HAMMER_JOINT, HAMMER_REST, HANGER
-from services.sim.scenes.cart import RIM_HEIGHT, TRAY_HALF, TRAY_HEIGHT
+from services.sim.scenes.cart import TRAY_HALF, TRAY_HEIGHT
 from services.sim.tasks.base import (
     HAND,
     Snapshot,
@@ -23,6 +23,8 @@ from services.sim.tasks.bench import JOINTS, cart_at
 CART_PLACE = (0.68, -0.72)
 """The trolley's centre (x, y) [m]; its bar is on the far side."""
 REST_SPEED = 0.05
+STANDING = 0.32
+"""A hammer that stands on its handle has its head this high above the tray [m]."""
 
 
 def _start(rng: np.random.Generator) -> Start:
@@ -45,7 +47,7 @@ def _lifted(now: Snapshot) -> bool:
 
 def _on_tray(now: Snapshot) -> bool:
     x, y, z = now.objects["cart"].local(now.objects["hammer"].position).tolist()
-    inside = abs(x) < TRAY_HALF and abs(y) < TRAY_HALF and TRAY_HEIGHT < z < RIM_HEIGHT + 0.05
+    inside = abs(x) < TRAY_HALF and abs(y) < TRAY_HALF and TRAY_HEIGHT < z < TRAY_HEIGHT + STANDING
     return inside and now.touched("hammer", "cart tray")
 
 

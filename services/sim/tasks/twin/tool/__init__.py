@@ -29,7 +29,7 @@ REST_SPEED = 0.05
 
 
 def _start(rng: np.random.Generator) -> Start:
-    tool = (spread(rng, TOOL_PLACE[0], 0.015), spread(rng, TOOL_PLACE[1], 0.015))
+    tool = (spread(rng, TOOL_PLACE[0], 0.01), spread(rng, TOOL_PLACE[1], 0.015))
     box = (spread(rng, BOX_PLACE[0], 0.01), spread(rng, BOX_PLACE[1], 0.01))
     return Start(
         spread(rng, 0.0, 0.015),
