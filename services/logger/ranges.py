@@ -51,6 +51,10 @@ class Ranges:
             raise ValueError("an empty set has no last member")
         return self._lasts[-1]
 
+    def is_next(self, value: int) -> bool:
+        """Whether ``value`` is one more than the last member."""
+        return bool(self._lasts) and value == self._lasts[-1] + 1
+
     def add(self, value: int) -> bool:
         """Add ``value``; False if it was there already."""
         lasts = self._lasts

@@ -117,14 +117,17 @@ class McapSink:
 
     def write(self, sample: RawSample, header: Header | None) -> None:
         """Append one message; it is safe from a kill only after the next :meth:`flush`."""
-        with _told(self.path):
+        # Written out: this is done for every message.
+        try:
             self._writer.add_message(
-                channel_id=self._channel(sample),
+                channel_id=self._channels.get((sample.key, sample.tag)) or self._channel(sample),
                 log_time=sample.arrival_ns,
                 publish_time=sample.arrival_ns if header is None else header.sent,
                 sequence=0 if header is None else header.seq % 2**32,
                 data=sample.payload,
             )
+        except OSError as error:
+            raise told(self.path, error) from error
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record, into the file's index too."""
@@ -168,28 +171,26 @@ class McapSink:
             self._stream.close()
 
     def _channel(self, sample: RawSample) -> int:
-        wanted = (sample.key, sample.tag)
-        known = self._channels.get(wanted)
-        if known is None:
-            topic = topic_of(self._robot, sample.key)
-            metadata = {"robot": self._robot, "schema_tag": sample.tag}
-            if topic is not None:
-                metadata["topic"] = topic.name
-            schema = self._schema(self._schema_of(sample.key, sample.tag))
-            known = self._writer.register_channel(sample.key, "msgpack", schema, metadata)
-            self._copies.append(
-                Channel(
-                    id=known,
-                    topic=sample.key,
-                    message_encoding="msgpack",
-                    schema_id=schema,
-                    metadata=metadata,
-                )
+        """Register the channel of a sample that has none yet."""
+        topic = topic_of(self._robot, sample.key)
+        metadata = {"robot": self._robot, "schema_tag": sample.tag}
+        if topic is not None:
+            metadata["topic"] = topic.name
+        schema = self._schema(self._schema_of(sample.key, sample.tag))
+        number = int(self._writer.register_channel(sample.key, "msgpack", schema, metadata))
+        self._copies.append(
+            Channel(
+                id=number,
+                topic=sample.key,
+                message_encoding="msgpack",
+                schema_id=schema,
+                metadata=metadata,
             )
-            self._channels[wanted] = known
-            if not schema:
-                self._bare.add(wanted)
-        return known
+        )
+        self._channels[sample.key, sample.tag] = number
+        if not schema:
+            self._bare.add((sample.key, sample.tag))
+        return number
 
     def _schema_of(self, key: str, tag: str) -> tuple[str, bytes] | None:
         """Name and JSON Schema of what is sent under ``key`` with ``tag``; None: not known."""

@@ -86,7 +86,9 @@ class _Key:
         stream = self.streams.get(name)
         if stream is None and len(self.streams) < MAX_STREAMS:
             stream = self.streams[name] = _Stream()
-        return stream if stream is not None and stream.is_plausible(header.seq) else None
+        if stream is None or stream.recorded.is_next(header.seq):
+            return stream
+        return stream if stream.is_plausible(header.seq) else None
 
     def count(self) -> KeyCount:
         count = KeyCount(
@@ -114,7 +116,9 @@ class Tally:
 
     def record(self, key: str, header: Header | None, size: int = 0, at_ns: int = 0) -> None:
         """Note one recorded message of ``size`` bytes that arrived at ``at_ns``."""
-        account = self._keys.setdefault(key, _Key())
+        account = self._keys.get(key)
+        if account is None:
+            account = self._keys[key] = _Key()
         if not account.first_ns:
             account.first_ns = at_ns
         account.last_ns = at_ns

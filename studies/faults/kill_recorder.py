@@ -188,7 +188,8 @@ def _wait_for(log: Path, recorder: "subprocess.Popen[bytes]") -> None:
     deadline = time.monotonic() + _START_S
     while not (log.exists() and log.stat().st_size > 20_000):
         if recorder.poll() is not None or time.monotonic() > deadline:
-            raise RuntimeError("the recorder recorded nothing")
+            how = "still runs" if recorder.poll() is None else f"ended with {recorder.returncode}"
+            raise RuntimeError(f"the recorder recorded nothing and {how}")
         time.sleep(0.01)
 
 
