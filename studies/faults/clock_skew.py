@@ -11,6 +11,7 @@ because this program made it; uncorrected, the wire stage would be off by all of
 import argparse
 import contextlib
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -28,8 +29,6 @@ from deploy.ports import reserve_base_port
 
 PATIENCE_S = 60.0
 WATCH_S = 6.0
-START_S = 20.0
-"""Before a clock is set, for the processes to come up."""
 
 
 @dataclass(frozen=True)
@@ -88,8 +87,8 @@ def _find(health: ServiceHealth) -> Seen | None:
 
 
 @contextlib.contextmanager
-def _running(base_port: int, *shift: str) -> Iterator[Watcher]:
-    """Source with a shifted clock, reader and watcher."""
+def _running(base_port: int, *shift: str) -> Iterator[tuple[Watcher, "subprocess.Popen[bytes]"]]:
+    """Source with a shifted clock, reader and watcher; yields watcher and source."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("TRILL_")}
     port = ["--base-port", str(base_port)]
     beacon = ["studies.faults.beacons", "--role"]
@@ -97,6 +96,7 @@ def _running(base_port: int, *shift: str) -> Iterator[Watcher]:
         ["studies.faults.shifted", *shift, "--", *beacon, "source", *port],
         [*beacon, "reader", *port],
     ]
+    processes = []
     with contextlib.ExitStack() as stack:
         for command in commands:
             process = subprocess.Popen(
@@ -105,17 +105,18 @@ def _running(base_port: int, *shift: str) -> Iterator[Watcher]:
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
             )
+            processes.append(process)
             stack.callback(process.wait)
             stack.callback(process.kill)
         watcher = Watcher(BusConfig(base_port=base_port))
         stack.callback(watcher.close)
-        yield watcher
+        yield watcher, processes[0]
 
 
 def skewed(base_port: int, skew: float, namespace: bool) -> tuple[Seen, bool]:
     """Watch for some seconds; returns the last word and whether the bound held all the time."""
     options = ["--skew", str(skew)] + (["--namespace"] if namespace else [])
-    with _running(base_port, *options) as watcher:
+    with _running(base_port, *options) as (watcher, _):
         begin, held = None, True
         for seen in watcher.seen():
             begin = begin or seen.at
@@ -126,20 +127,21 @@ def skewed(base_port: int, skew: float, namespace: bool) -> tuple[Seen, bool]:
 
 
 def stepped(base_port: int, step: float) -> tuple[Seen, float, int]:
-    """Watch a clock that is set; the last word, how soon health told it [s] and stale states."""
-    at = time.monotonic() + START_S
-    with _running(base_port, "--step", str(step), "--at", str(at)) as watcher:
-        stale, adopted, before = 0, None, None
+    """Set a clock; the last word, how soon health told it [s], and how many states were stale."""
+    with _running(base_port, "--step", str(step), "--after", "1e6") as (watcher, source):
+        begin = set_at = told = None
+        stale = 0
         for seen in watcher.seen():
-            off = abs(seen.peer.clock_offset + step)
-            if off > abs(step) / 2:
-                stale, before = seen.link.stale, seen.at
-            elif before is None:
-                raise TimeoutError("the clock was set before anything was seen; try again")
-            elif adopted is None:
-                adopted = seen.at - at
-            elif seen.at > before + 4.0:
-                return seen, adopted, seen.link.stale - stale
+            begin = begin or seen.at
+            if set_at is None:
+                stale = seen.link.stale
+                if seen.at > begin + WATCH_S:
+                    source.send_signal(signal.SIGUSR2)
+                    set_at = time.monotonic()
+            elif told is None and abs(seen.peer.clock_offset + step) < abs(step) / 2:
+                told = seen.at - set_at
+            elif told is not None and seen.at > set_at + WATCH_S:
+                return seen, told, seen.link.stale - stale
     raise TimeoutError("the reader fell silent")
 
 

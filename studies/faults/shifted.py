@@ -15,10 +15,12 @@ import ctypes
 import os
 import runpy
 import secrets
+import signal
 import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from types import FrameType
 
 _CLONE_NEWTIME = 0x80
 
@@ -37,21 +39,27 @@ def enter_time_namespace(skew_s: float) -> None:
     Path("/proc/self/timens_offsets").write_text(f"monotonic {seconds} {nanoseconds}\n")
 
 
-def shift_clock(skew_s: float, step_s: float, at_s: float) -> None:
+def shift_clock(skew_s: float, step_s: float, after_s: float) -> None:
     """Replace ``time.monotonic_ns`` and pass for another host.
 
     Args:
         skew_s: ahead by this much [s].
         step_s: and set ahead by this much [s] ...
-        at_s: ... at this time of the true clock [s].
+        after_s: ... after this long [s], or on SIGUSR2.
     """
     true_clock = time.monotonic_ns
     skew, step = round(1e9 * skew_s), round(1e9 * step_s)
-    turn = round(1e9 * at_s)
+    turn = true_clock() + round(1e9 * after_s)
 
     def shifted() -> int:
         now = true_clock()
         return now + skew + (step if now >= turn else 0)
+
+    def set_now(_number: int, _frame: FrameType | None) -> None:
+        nonlocal turn
+        turn = min(turn, true_clock())
+
+    signal.signal(signal.SIGUSR2, set_now)
 
     time.monotonic_ns = shifted
     # Only now: much of it keeps a reference to the clock as it is when loaded.
@@ -67,15 +75,15 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--skew", type=float, default=0.0, help="ahead by this much [s]")
     parser.add_argument("--step", type=float, default=0.0, help="set ahead by this much [s] ...")
-    parser.add_argument("--after", type=float, default=5.0, help="... after this long [s]")
-    parser.add_argument("--at", type=float, help="... or at this monotonic time [s]")
+    parser.add_argument(
+        "--after", type=float, default=5.0, help="... after this long [s], or on SIGUSR2 before"
+    )
     parser.add_argument("--namespace", action="store_true", help="by a Linux time namespace")
     parser.add_argument("module", help="and its arguments, after --")
     arguments, rest = parser.parse_known_args(argv)
     rest = [text for text in rest if text != "--"]
     if not arguments.namespace:
-        at = time.monotonic() + arguments.after if arguments.at is None else arguments.at
-        shift_clock(arguments.skew, arguments.step, at)
+        shift_clock(arguments.skew, arguments.step, arguments.after)
     else:
         enter_time_namespace(arguments.skew)
         # Linux since 6.3 change over in exec; before, in the next child only.
