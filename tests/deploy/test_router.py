@@ -24,7 +24,7 @@ from deploy.router import describe, parser, router_config
 from services.logger.reader import LogReader
 from tests.bus.support import free_base_port
 
-PATIENCE = 20.0
+PATIENCE = 60.0
 BOOT = 1
 
 
@@ -187,7 +187,7 @@ def far_logger(place: Place, out: Path) -> Iterator["subprocess.Popen[bytes]"]:
     process = subprocess.Popen(
         [
             *(sys.executable, "-m", "services.logger", "--out", str(out)),
-            *("--mode", "client", "--base-port", str(place.base_port)),
+            *("--mode", "client", "--base-port", str(place.base_port), "--robot", "draco3"),
         ],
         stdout=subprocess.DEVNULL,
     )
