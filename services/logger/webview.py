@@ -28,7 +28,7 @@ _PAGES = {
     "/re_viewer_bg.wasm": "application/wasm",
     "/favicon.ico": "image/x-icon",
 }
-_START_PATIENCE = 20.0
+_START_PATIENCE = 60.0
 """For the viewer's own server [s]."""
 
 Pages = Mapping[str, tuple[str, bytes]]

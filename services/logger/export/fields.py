@@ -79,7 +79,7 @@ def _describe(into: DescriptorProto, model: type[BaseModel], scope: str) -> None
         elif issubclass(kind, IntEnum):
             field.type = FieldDescriptorProto.TYPE_ENUM
             field.type_name = f"{scope}.{kind.__name__}.{_ENUM}"
-            _describe_enum(into, kind)
+            _describe_enum(into, kind, f"{model.__name__}.{name}")
         else:
             field.type = FieldDescriptorProto.TYPE_MESSAGE
             nested = kind.__name__.lstrip("_")
@@ -88,7 +88,9 @@ def _describe(into: DescriptorProto, model: type[BaseModel], scope: str) -> None
                 _describe(into.nested_type.add(name=nested), kind, field.type_name)
 
 
-def _describe_enum(into: DescriptorProto, kind: type[IntEnum]) -> None:
+def _describe_enum(into: DescriptorProto, kind: type[IntEnum], where: str) -> None:
+    if all(member.value != 0 for member in kind):
+        raise ExportError(f"cannot export {where}: {kind.__name__} has no member for 0")
     if any(one.name == kind.__name__ for one in into.nested_type):
         return
     values = into.nested_type.add(name=kind.__name__).enum_type.add(name=_ENUM).value
