@@ -256,6 +256,29 @@ def test_what_the_recorder_lost_is_no_difference(messages: list[Recorded]) -> No
     assert late.outputs["wbc/command"].unrecorded == 50
 
 
+def test_what_came_before_the_recorder_listened_is_no_difference() -> None:
+    class Greeting(FilmingPlant):
+        """Films once, at the very beginning."""
+
+        def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+            outputs = super().step(inputs, now_ns)
+            return [o for o in outputs if o.topic is not CAMERA_LEFT or self.steps == 10]
+
+    runner = SimTimeRunner([Greeting()], record=True)
+    runner.run_for(0.4)
+    messages = recorded(runner)
+    early = lacking(
+        lacking(messages, CAMERA_LEFT, lambda _seq: True), PLANT_STATE, lambda seq: seq < 20
+    )
+    report = replay(Greeting(), early)
+    assert report.identical
+    assert report.outputs["camera/left"].unrecorded == 1
+    # Had the recorder listened, it would be one.
+    report = replay(Greeting(), lacking(messages, CAMERA_LEFT, lambda _seq: True))
+    assert report.outputs["camera/left"].extra == 1
+    assert not report.identical
+
+
 def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
     whole = without_payloads(messages)
     taken = [
