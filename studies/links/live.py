@@ -4,18 +4,22 @@ import os
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from common.bus.codec import decode
 from common.bus.config import BusConfig
 from common.bus.inbox import Inbox
+from common.bus.keys import subscription_of
 from common.bus.linkclient import change, everybody
 from common.bus.linkspec import LinkSpec
 from common.bus.session import open_session
 from common.bus.subscriptions import subscribe
 from common.errors import TrillError
+from common.schemas import StepJournal
 from common.topics import HEALTH, JOURNAL
 from studies.links.parts import Sender, consumers
 from studies.links.takes import Result, Takes, result
@@ -34,9 +38,16 @@ class Bench:
         self._session, self._robot = session, robot
         self.seen = {part.name: Takes() for part in consumers().values()}
         self.scheduling: dict[str, str] = {}
-        self._inbox = Inbox((JOURNAL, HEALTH))
-        self._subscribers = subscribe(session, robot, self._inbox, (JOURNAL, HEALTH))
-        self._journals: dict[str, tuple[int, int]] = {}
+        self._inbox = Inbox((HEALTH,))
+        # Every journal counts, also if this process is late; an inbox would keep the latest.
+        self._journals: deque[bytes] = deque()
+        self._subscribers = subscribe(session, robot, self._inbox, (HEALTH,))
+        self._subscribers.append(
+            session.declare_subscriber(
+                subscription_of(robot, JOURNAL),
+                lambda sample: self._journals.append(sample.payload.to_bytes()),
+            )
+        )
 
     def listen(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
         """Take in journals for a while."""
@@ -45,11 +56,10 @@ class Bench:
             self._inbox.begin_step(time.monotonic_ns())
             for name, health in self._inbox.latest_by_source(HEALTH).items():
                 self.scheduling[name] = health.realtime
-            for name, journal in self._inbox.latest_by_source(JOURNAL).items():
-                at = (journal.header.boot, journal.header.seq)
-                if name in self.seen and self._journals.get(name) != at:
-                    self._journals[name] = at
-                    self.seen[name].add(journal)
+            while self._journals:
+                journal = decode(self._journals.popleft(), StepJournal)
+                if journal.service in self.seen:
+                    self.seen[journal.service].add(journal)
             time.sleep(0.02)
 
     def measure(

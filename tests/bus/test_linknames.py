@@ -149,12 +149,20 @@ def test_stereo_pair_comes_out_of_a_jittered_link_together() -> None:
         now = step * 5_000_000
         if step % 10 == 0 and step < 3000:
             for name, side in (("camera/left", "left"), ("camera/right", "right")):
+                if side == "right" and step % 70 == 0:
+                    continue  # dropped on its way: the others must not shift
                 inbox.offer(name, camera_frame("left" if side == "left" else "right", step), now)
         inbox.begin_step(now)
         for topic, side in ((CAMERA_LEFT, "left"), (CAMERA_RIGHT, "right")):
             frame = inbox.latest(topic)
             if frame is not None and inbox.updated(topic):
                 injected[side][frame.header.stamp] = frame.header.injected
-    assert injected["left"] == injected["right"]
-    assert 150 < len(injected["left"]) < 290
+    both = injected["left"].keys() & injected["right"].keys()
+    assert {stamp: injected["left"][stamp] for stamp in both} == {
+        stamp: injected["right"][stamp] for stamp in both
+    }
+    dropped = {1 + step * 50_000_000 for step in range(0, 3000, 70)}
+    # Free order: of two that come out in one step the later is shown, maybe of one eye only.
+    assert len(injected["left"].keys() - both - dropped) < 10
+    assert 150 < len(both) < 260
     assert len(set(injected["left"].values())) > 100
