@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import OperatorStatus
 from common.topics import (
+    CAMERA_LEFT,
     ESTOP,
     PLANT_REQUEST,
     PLANT_STATUS,
@@ -34,12 +35,15 @@ class KeyboardOperator(Service):
     that moves the robot, follows the other operator's set-points and then takes over from them
     without a jump. Emergency stop, reset and pause work always. Request ids start at the
     runner's clock in milliseconds.
+
+    It draws no pictures, but hears the left eye and tells how far behind the robot it is: the
+    delay with which a person would see.
     """
 
     # Not "teleop": it may run beside a scripted operator, which has that name and its port.
     name = "keyboard"
     period_ns = PERIOD_NS
-    reads = (WBC_STATE, WBC_REPLY, PLANT_STATUS, TELEOP_STATUS, TELEOP_SETPOINT)
+    reads = (WBC_STATE, WBC_REPLY, PLANT_STATUS, TELEOP_STATUS, TELEOP_SETPOINT, CAMERA_LEFT)
     writes = (TELEOP_SETPOINT, TELEOP_GAIT, PLANT_REQUEST, ESTOP)
 
     def __init__(self, screen: Screen, config: KeyboardConfig | None = None) -> None:
@@ -106,7 +110,16 @@ class KeyboardOperator(Service):
             plant_age=inputs.age(PLANT_STATUS),
             script=script if running else None,
             falls=self._falls,
+            sight=self._sight(inputs),
         )
+
+    @staticmethod
+    def _sight(inputs: Inputs) -> float | None:
+        """How far the left eye's picture is behind the robot, in robot time [s]; None: blind."""
+        controller, picture = inputs.latest(WBC_STATE), inputs.latest(CAMERA_LEFT)
+        if controller is None or picture is None or not inputs.fresh(CAMERA_LEFT):
+            return None
+        return max(0.0, 1e-9 * (controller.header.stamp - picture.header.stamp))
 
     def _arbitrate(self, inputs: Inputs, script: OperatorStatus | None, now: float) -> None:
         """Decide whether this operator commands or watches."""

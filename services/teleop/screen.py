@@ -23,6 +23,7 @@ class Feedback:
         plant, plant_age: last plant status.
         script: a script that another operator is playing, if any.
         falls: falls seen since this operator started.
+        sight: how far the left eye's picture is behind the robot; None without pictures.
     """
 
     controller: ControllerState | None = None
@@ -31,6 +32,7 @@ class Feedback:
     plant_age: float = inf
     script: OperatorStatus | None = None
     falls: int = 0
+    sight: float | None = None
 
 
 def render(console: Console, feedback: Feedback, now: float) -> list[str]:
@@ -42,7 +44,7 @@ def render(console: Console, feedback: Feedback, now: float) -> list[str]:
         "",
         "   hand      x      y      z   roll  pitch   yaw   gripper   off by",
         *(_hand_line(console, side, feedback) for side in SIDES),
-        f"   head {degrees(console.targets.neck):+7.0f}° down",
+        _head_line(console, feedback),
         "",
         *_gait_lines(console, now),
         _script_line(feedback),
@@ -109,6 +111,11 @@ def _hand_line(console: Console, side: str, feedback: Feedback) -> str:
         error = f"{1e3 * feedback.controller.hand_position_error[index]:6.1f} mm"
     mark = ">" if side in console.selected else " "
     return f" {mark} {side:5} {x:+.3f} {y:+.3f} {z:+.3f} {angles}  {closure:5.0%}    {error}"
+
+
+def _head_line(console: Console, feedback: Feedback) -> str:
+    seen = "" if feedback.sight is None else f"   sees {1e3 * feedback.sight:.0f} ms behind"
+    return f"   head {degrees(console.targets.neck):+7.0f}° down{seen}"
 
 
 def _gait_lines(console: Console, now: float) -> list[str]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from common.schemas import (
+    CameraFrame,
     Estop,
     Gait,
     GaitOutcome,
@@ -15,12 +16,14 @@ from common.schemas import (
     PlantRequest,
 )
 from common.topics import (
+    CAMERA_LEFT,
     ESTOP,
     PLANT_REQUEST,
     PLANT_STATUS,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     TELEOP_STATUS,
+    WBC_STATE,
 )
 from services.teleop.hand import home_pose
 from services.teleop.keyboard import KeyboardOperator
@@ -29,7 +32,7 @@ from services.teleop.rotations import Array, rotation_vector
 from services.teleop.screen import HEIGHT
 from services.teleop.targets import OperatorTargets
 
-from .support import Bench, FakeController, plant_status
+from .support import Bench, FakeController, FakeInputs, controller_state, plant_status
 
 ESCAPE = {"up": b"\x1b[A", "down": b"\x1b[B", "right": b"\x1b[C", "left": b"\x1b[D"}
 
@@ -321,6 +324,28 @@ def test_the_screen_tells_state_ages_and_falls_and_fits() -> None:
     assert len(desk.screen.lines) <= HEIGHT
     desk.type("w", "a", "s", "d", run=0.2)
     assert len(desk.screen.lines) <= HEIGHT
+
+
+def test_the_screen_tells_how_far_behind_the_eyes_are() -> None:
+    desk = Desk()
+    assert "behind" not in desk.screen.text
+    late = controller_state()
+    stamp = late.header.stamp + 250_000_000
+    picture = CameraFrame(
+        header=late.header, eye="left", width=2, height=1, encoding="rgb8", data=bytes(6)
+    )
+    feedback = {
+        CAMERA_LEFT: picture,
+        WBC_STATE: late.model_copy(update={"header": Header(stamp=stamp)}),
+    }
+    inputs = FakeInputs()
+    for topic, message in feedback.items():
+        inputs.put(topic, message)
+    desk.operator.step(inputs, 10_000_000_000)
+    assert "sees 250 ms behind" in desk.screen.text
+    inputs.put(CAMERA_LEFT, picture, age=0.6)
+    desk.operator.step(inputs, 10_050_000_000)
+    assert "behind" not in desk.screen.text
 
 
 def test_without_a_robot_the_screen_says_so() -> None:
