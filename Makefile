@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite bench lint setup clean
+.PHONY: help demo drive top test suite links faults fuzz bench lint setup clean
 
 help: ## say what there is
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -24,8 +24,19 @@ top: $(STAMP) ## live table of a running system
 test: $(STAMP) ## unit and integration tests, a few minutes
 	$(BIN)/python -m pytest $(ARGS)
 
-suite: $(STAMP) ## every promise about standing, walking and reaching, half an hour
+suite: $(STAMP) ## every promise about standing, walking and reaching, ten minutes
 	$(BIN)/python -m studies.walking $(ARGS)
+
+links: $(STAMP) ## injected delays, asked for against achieved, live and in simulated time
+	$(BIN)/python -m studies.links $(ARGS)
+
+faults: $(STAMP) ## killed recorders, bad readers, cut networks, skewed clocks; a quarter of an hour
+	@for study in kill_recorder slow_subscriber logger_on_robot dead_peer network_cut clock_skew; do \
+		echo "== $$study"; $(BIN)/python -m studies.faults.$$study || failed="$$failed $$study"; done; \
+	test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
+
+fuzz: $(STAMP) ## 100,000 damaged payloads at every decoder
+	$(BIN)/python -m studies.fuzz $(ARGS)
 
 bench: $(STAMP) ## measure the figures the README quotes
 	@set -e; for file in benchmarks/bench_*.py; do \
