@@ -8,7 +8,7 @@ from pathlib import Path
 
 from common.errors import ConfigError, TrillError
 from deploy import export_cli as ex
-from deploy import latency_cli, ledger_cli, logs_cli, replay_cli
+from deploy import latency_cli, ledger_cli, logs_cli, replay_cli, tasks_cli
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of
@@ -268,6 +268,7 @@ COMMANDS = (
     *(_Command(*entry) for entry in logs_cli.ENTRIES),
     _Command(*ledger_cli.ENTRY),
     _Command(*latency_cli.ENTRY),
+    _Command(*tasks_cli.ENTRY),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
     ),

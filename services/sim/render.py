@@ -8,7 +8,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from common.schemas import PlantState
+from common.schemas import PlantState, SceneState
 from services.sim.offscreen import Image, Offscreen, fixed_camera
 from services.sim.pose import show_state
 from services.sim.world import build_model, find_addresses
@@ -62,6 +62,7 @@ def render_states(
     camera: FollowCamera | str | None = None,
     *,
     scene: str = "flat",
+    objects: Iterable[SceneState | None] | None = None,
     fast: bool = False,
 ) -> Iterator[Image]:
     """Render one (height, width, 3) RGB frame per state, with shadows.
@@ -72,11 +73,13 @@ def render_states(
         height: at most 1080 [pixels].
         camera: a third-person camera, or the name of one of the model's (``"left"``, ``"right"``).
         scene: what stands around the robot.
+        objects: where the scene's things are, one for each state; None leaves them in place.
         fast: no shadows, reflections or smooth edges: with software OpenGL a tenth of the time.
 
     Raises:
         RenderingUnavailableError: there is no off-screen OpenGL.
-        SceneError: there is no such scene.
+        SceneError: there is no such scene, or ``objects`` are of another one.
+        ValueError: there are not as many ``objects`` as states.
     """
     model = build_model(scene)
     data = mujoco.MjData(model)
@@ -87,10 +90,11 @@ def render_states(
         model.vis.quality.offsamples = 0
     offscreen = Offscreen(model, width, height, plain=fast)
     try:
-        for state in states:
+        pairs = zip(states, objects, strict=True) if objects else ((s, None) for s in states)
+        for state, things in pairs:
             if follower:
                 follower.see(state)
-            show_state(model, data, addresses, state)
+            show_state(model, data, addresses, state, things)
             yield offscreen.render(data, view)
     finally:
         offscreen.close()

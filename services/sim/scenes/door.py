@@ -67,8 +67,8 @@ _QUANTITIES = (
 _HINGE_RANGE = 1.75
 _LEAF_HALF = (0.025, 0.485, 0.98)
 _BOLT_HALF = (0.012, 0.0225, 0.015)
-_FRAME = {"contype": 4, "conaffinity": 1}
-_LEAF = {"contype": 8, "conaffinity": 1}
+_FRAME: Final[dict[str, Any]] = {"contype": 4, "conaffinity": 1}
+_LEAF: Final[dict[str, Any]] = {"contype": 8, "conaffinity": 1}
 """The robot (all of bit 1) meets frame and leaf, which do not meet each other: hinge and stop are
 the joint's."""
 _BOLT_BIT = 2

@@ -28,7 +28,8 @@ def test_starts_touch_nothing_and_lie_still(task: str) -> None:
         shop.data.qpos[: shop.addresses.scene] = shop._robot
         shop.data.qvel[:] = 0.0
         trial.restart(seed)
-        shop.place_robot(*shop.data.qpos[:2], 2.0 * math.atan2(*shop.data.qpos[[6, 3]]))
+        x, y, _, w, _, _, z = shop.data.qpos[:7].tolist()
+        shop.place_robot(x, y, 2.0 * math.atan2(z, w))
         before = {name: pose.position for name, pose in trial.view.objects().items()}
         shop.time = 0.0
         shop.run(0.03)
