@@ -1,4 +1,4 @@
-"""``python -m services.teleop scripted`` or ``keyboard``: an operator as a process."""
+"""``python -m services.teleop scripted|keyboard|synthetic``: an operator as a process."""
 
 import argparse
 import signal
@@ -18,14 +18,18 @@ from services.teleop.library import SCRIPTS, ScriptOptions, script_named
 from services.teleop.screen import help_lines
 from services.teleop.script import GAIT_NAMES
 from services.teleop.scripted import ScriptedConfig, ScriptedOperator
+from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
+from services.teleop.synthetic.strategies import STRATEGIES
+from services.teleop.synthetic.traits import TRAITS
 from services.teleop.terminal import Terminal
 
-USAGE = """usage: python -m services.teleop {scripted,keyboard} [options]
+USAGE = """usage: python -m services.teleop {scripted,keyboard,synthetic} [options]
 
 An operator: sends hand, gripper and neck set-points at 20 Hz, and gait requests.
 
   scripted   plays a script against the robot's feedback, then exits: 0 if all went well
   keyboard   a person at this terminal, also over ssh and in tmux
+  synthetic  does a scored task through the same input as a headset, then exits
 
 The robot's side (plant and controller) runs in processes of its own, started before or after.
 `python -m services.teleop scripted --help` (or `keyboard --help`) lists the options.
@@ -52,6 +56,18 @@ hand pointing ahead:
     {"do": "together", "lanes": [[{"do": "gait", "gait": "forward", "count": 2}],
                                  [{"do": "grip", "right": 1.0}, {"do": "neck", "pitch": 0.3}]]},
     {"do": "wait", "seconds": 1}, {"do": "mark", "label": "done"}]}
+"""
+
+SYNTHETIC = """Do a scored task as a person with a headset and two hand controllers would: it sees
+the robot and the objects through the feedback link, reacts, reaches, presses buttons, waits and
+corrects. The plant must run the same task (python -m services.sim --task ...). The exit code is 0
+when it has done all it wanted, 1 when it gave up (the last line says why), 2 when an option is
+wrong; whether the task was a success says the plant, on task/status."""
+
+SYNTHETIC_EXAMPLES = """examples:
+  python -m services.teleop synthetic --task door/unlock --seed 3
+  python -m services.teleop synthetic --task bench/hammer --link feedback=250ms
+  python -m services.teleop synthetic --task door/walk --stay      a new trial after each reset
 """
 
 KEYBOARD = """Drive the robot from this terminal. Hands move 2 cm or 5 degrees a key press,
@@ -81,6 +97,18 @@ def _scripted_arguments(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument("--seed", type=int, default=default.seed, help="for 'random'")
     group.add_argument("--seconds", type=_seconds, default=default.seconds, help="for 'stand'")
+
+
+def _synthetic_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.prog = "python -m services.teleop synthetic"
+    parser.epilog, parser.formatter_class = SYNTHETIC_EXAMPLES, _Formatter
+    group = parser.add_argument_group("operator")
+    group.add_argument("--task", choices=list(STRATEGIES), help="which (door/unlock)")
+    group.add_argument("--seed", type=int, help="of all that varies in the operator (0)")
+    group.add_argument("--traits", choices=list(TRAITS), help="kind of operator (practised)")
+    group.add_argument(
+        "--stay", action="store_true", help="after the task wait for the plant's reset, do not end"
+    )
 
 
 def _keyboard_arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,6 +152,19 @@ def build_scripted(arguments: argparse.Namespace) -> ScriptedOperator:
     return ScriptedOperator(script_named(arguments.script, options), config)
 
 
+def build_synthetic(arguments: argparse.Namespace) -> SyntheticOperator:
+    """Build the synthetic operator; its table in the configuration file is ``[teleop]``.
+
+    Raises:
+        ConfigError: the table is wrong, or an option does not fit.
+    """
+    given = {"task": arguments.task, "seed": arguments.seed, "stay": arguments.stay or None}
+    given["traits"] = TRAITS[arguments.traits].model_dump() if arguments.traits else None
+    options = {name: value for name, value in given.items() if value is not None}
+    arguments.settings = {**arguments.settings, **options}
+    return SyntheticOperator(_settings(SyntheticConfig, arguments, "teleop"))
+
+
 def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:
     """Build the keyboard operator; its table in the configuration file is ``[keyboard]``.
 
@@ -164,9 +205,20 @@ def _run_keyboard(argv: list[str]) -> int:
     )
 
 
+def _run_synthetic(argv: list[str]) -> int:
+    return run_live(
+        build_synthetic,
+        SyntheticOperator.name,
+        argv,
+        add_arguments=_synthetic_arguments,
+        description=SYNTHETIC,
+    )
+
+
 MODES: dict[str, Callable[[list[str]], int]] = {
     "scripted": _run_scripted,
     "keyboard": _run_keyboard,
+    "synthetic": _run_synthetic,
 }
 
 

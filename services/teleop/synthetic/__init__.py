@@ -1,0 +1,1 @@
+"""A synthetic operator: does the tasks through the same device-level input as a person."""

@@ -1,0 +1,111 @@
+"""door/unlock: press the lever down with the left fist, then push the leaf ajar."""
+
+import numpy as np
+
+from services.teleop.rotations import Array
+from services.teleop.synthetic.arms import rotate_vector
+from services.teleop.synthetic.person import Act, Person, StrategyError
+from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
+
+PRESSED = 0.44
+"""Lever angle that surely frees the bolt [rad]."""
+AJAR = 0.07
+"""Leaf angle at which to stop pushing [rad]."""
+SIDE = "left"
+
+
+def level_hand(sight: Sight, point: Array, roll: float = 0.0) -> Pose:
+    """The fist at a point (3,) of the world, level and turned as is easy, in the body frame."""
+    place = sight.torso.local(point)
+    yaw = easy_yaw(SIDE, float(place[1]))
+    return Pose(place, hand_pose(0.0, 0.0, 0.0, roll, 0.0, yaw).quaternion)
+
+
+def in_body(sight: Sight, direction: tuple[float, float, float]) -> Array:
+    """A direction of the world (3,) in the body frame."""
+    inverse = sight.torso.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+    return rotate_vector(inverse, np.array(direction))
+
+
+def unlock(person: Person) -> Act:
+    """Unlock the door and draw the hand back."""
+    person.note = "looking at the lever"
+    yield from person.react()
+    yield from person.engage("left", "right")
+    for attempt in range(4):
+        opened = yield from press_and_push(person, first=attempt == 0)
+        if opened:
+            break
+        person.note = "once more"
+        yield from draw_back(person)
+    else:
+        raise StrategyError("the door did not open in four attempts")
+    yield from person.pause(max(0.0, person.vary(0.2, 0.15)))
+    yield from draw_back(person)
+    person.note = "done"
+    return True
+
+
+def press_and_push(person: Person, *, first: bool) -> Act:
+    """Lay the fist on the lever, press, and push the leaf; returns whether it opened."""
+    aside, ahead = person.vary(0.0, 0.012), person.vary(0.0, 0.008)
+    hover = person.vary(0.07, 0.006)
+    approach = hand_pose(
+        person.vary(0.325, 0.01), person.vary(0.21, 0.015), person.vary(0.125, 0.006)
+    )
+    roll = person.vary(0.0, 0.06)
+    rest = person.sight.thing("lever_grip").position
+    person.note = "to the lever"
+
+    def above(sight: Sight) -> Pose:
+        return level_hand(sight, rest + np.array([ahead, aside, hover]), roll)
+
+    stop = not first or person.chance(0.4)
+    yield from person.together(
+        person.grip(SIDE, 1.0),
+        person.reach(
+            SIDE,
+            lambda _: approach,
+            speed=person.vary(1.1, 0.15),
+            tolerance=0.04,
+            through=not stop,
+        ),
+    )
+    yield from person.reach(
+        SIDE, above, speed=person.vary(0.9, 0.12), tolerance=0.02, corrections=2
+    )
+    person.note = "pressing the lever"
+    pressed = yield from person.push(
+        SIDE,
+        lambda sight: in_body(sight, (0.0, 0.0, -1.0)),
+        0.19,
+        speed=person.vary(0.12, 0.02),
+        until=lambda sight: sight.joints["door_lever"] > PRESSED,
+    )
+    if not pressed:
+        return False
+    if person.chance(0.3):
+        yield from person.pause(abs(person.vary(0.0, 0.2)))
+    person.note = "pushing the leaf"
+    opened = yield from person.push(
+        SIDE,
+        lambda sight: in_body(sight, (1.0, 0.0, 0.0)),
+        0.2,
+        speed=person.vary(0.15, 0.02),
+        until=lambda sight: sight.joints["door_hinge"] > AJAR,
+        lead=0.1,
+    )
+    return opened
+
+
+def draw_back(person: Person) -> Act:
+    """Take the hand straight back from the lever; raising it would hook the lever."""
+    distance = person.vary(0.13, 0.015)
+
+    def back(sight: Sight) -> Pose:
+        here = sight.hands[SIDE]
+        return Pose(here.position + in_body(sight, (-distance, 0.0, 0.0)), here.quaternion)
+
+    goal = back(person.sight)
+    yield from person.reach(SIDE, lambda _: goal, tolerance=0.05, corrections=1)
+    return True

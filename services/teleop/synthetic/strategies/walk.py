@@ -1,0 +1,40 @@
+"""door/walk and bench/walk: to the place that the task marks."""
+
+import math
+
+from services.teleop.synthetic.person import Act, Person
+from services.teleop.synthetic.sight import Sight
+from services.teleop.synthetic.walking import Place, Tolerance, walk_to
+
+
+def _goal(sight: Sight, ahead: float = 0.0, aside: float = 0.0) -> Place:
+    mark = sight.thing("goal")
+    x, y, _ = mark.position.tolist()
+    return Place(x + ahead, y + aside, mark.yaw)
+
+
+def walk_to_door(person: Person) -> Act:
+    """To the door, facing it; a little further than asked for is as good."""
+    ahead, aside = person.vary(0.06, 0.02), person.vary(0.02, 0.02)
+    yield from _walk(
+        person, ahead, aside, Tolerance(0.08, math.radians(9.0)), by_rule=person.chance(0.5)
+    )
+    return True
+
+
+def walk_to_cart(person: Person) -> Act:
+    """To the place behind the push bar, square to it."""
+    yield from _walk(person, 0.0, 0.0, Tolerance(0.05, math.radians(9.1)), by_rule=False)
+    return True
+
+
+def _walk(
+    person: Person, ahead: float, aside: float, tolerance: Tolerance, *, by_rule: bool
+) -> Act:
+    person.note = "looking around"
+    person.gaze = 0.2
+    yield from person.react()
+    yield from person.engage("left", "right")
+    yield from walk_to(person, lambda sight: _goal(sight, ahead, aside), tolerance, by_rule=by_rule)
+    person.note = "done"
+    return True

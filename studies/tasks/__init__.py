@@ -1,0 +1,1 @@
+"""Scored tasks done by the synthetic operator, in simulated time."""

@@ -1,0 +1,129 @@
+"""``python -m studies.tasks run door/unlock --seeds 0:25``: how often the operator succeeds."""
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+from common.bus.links import parse_link_options
+from common.errors import TrillError
+from services.sim.tasks import all_tasks
+from services.teleop.synthetic.traits import TRAITS
+from studies.tasks.stack import TrialResult, TrialSpec, run_trial
+from studies.tasks.table import line, summary, write_json
+
+EXAMPLES = """examples:
+  python -m studies.tasks run door/unlock --seeds 0:25 --jobs 2
+  python -m studies.tasks run bench/hammer --seeds 3 --link both=250ms
+  python -m studies.tasks run all --seeds 0:10 --out runs/studies/tasks.json
+
+The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong.
+"""
+
+
+def seed_range(text: str) -> range:
+    """``7`` or ``0:25`` (the end is not included).
+
+    Raises:
+        argparse.ArgumentTypeError: neither of these.
+    """
+    first, colon, last = text.partition(":")
+    try:
+        seeds = range(int(first), int(last) if colon else int(first) + 1)
+    except ValueError:
+        seeds = range(0)
+    if not seeds or seeds.start < 0:
+        raise argparse.ArgumentTypeError(f"expected a seed or a range like 0:25, got {text!r}")
+    return seeds
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    main = argparse.ArgumentParser(
+        prog="python -m studies.tasks",
+        description="Scored tasks done by the synthetic operator, in simulated time.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    commands = main.add_subparsers(dest="command", required=True)
+    run = commands.add_parser(
+        "run",
+        help="run trials and print a table",
+        description="Run trials of one task (or all) and print success, partial and failure.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    run.add_argument("task", choices=["all", *all_tasks()], help="which task")
+    run.add_argument("--seeds", type=seed_range, default=range(5), help="for instance 0:25")
+    run.add_argument("--jobs", type=int, default=1, help="trials at a time")
+    run.add_argument("--traits", choices=list(TRAITS), default="practised", help="of the operator")
+    run.add_argument(
+        "--link",
+        action="append",
+        default=[],
+        metavar="NAME=SPEC",
+        help="delay a link: command, feedback, both or a topic, e.g. both=250ms",
+    )
+    run.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
+    run.add_argument("--torque-mode", choices=["relaxed", "rated"], default="relaxed")
+    run.add_argument("--raw-hands", action="store_true", help="no interpolation of the hands")
+    run.add_argument(
+        "--physics-steps", type=int, default=1, help="per step of the plant's service; more: faster"
+    )
+    run.add_argument("--out", type=Path, help="write the results as JSON")
+    return main
+
+
+def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
+    """The trials asked for.
+
+    Raises:
+        ConfigError: a link is not understood.
+    """
+    links = parse_link_options(arguments.link)
+    tasks = list(all_tasks()) if arguments.task == "all" else [arguments.task]
+    return [
+        TrialSpec(
+            task=task,
+            seed=seed,
+            traits=TRAITS[arguments.traits],
+            links=links,
+            mode=arguments.torque_mode,
+            pace=arguments.pace,
+            raw_hands=arguments.raw_hands,
+            physics_steps=arguments.physics_steps,
+        )
+        for task in tasks
+        for seed in arguments.seeds
+    ]
+
+
+def run_all(trials: list[TrialSpec], jobs: int) -> list[TrialResult]:
+    """Run the trials, printing each as it ends; the results are in the order of the trials."""
+    results: dict[int, TrialResult] = {}
+    # A fresh interpreter each: MuJoCo's and the solvers' threads do not survive a fork.
+    with ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn")) as pool:
+        futures = {pool.submit(run_trial, trial): i for i, trial in enumerate(trials)}
+        for future in as_completed(futures):
+            result = future.result()
+            results[futures[future]] = result
+            print(f"[{len(results)}/{len(trials)}] {line(result)}", file=sys.stderr, flush=True)
+    return [results[i] for i in range(len(trials))]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the study; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    try:
+        results = run_all(specs(arguments), arguments.jobs)
+    except TrillError as error:
+        print(f"studies.tasks: {error}", file=sys.stderr)
+        return 2
+    print(summary(results))
+    if arguments.out is not None:
+        write_json(results, arguments.out, arguments.link)
+    return 0 if all(result.verdict == "success" for result in results) else 1
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
