@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -136,7 +137,7 @@ def toy() -> Iterator[int]:
         stderr=subprocess.PIPE,
         text=True,
     )
-    session = open_session(BusConfig(base_port=base), "waiting")
+    session: Any = open_session(BusConfig(base_port=base), "waiting")
     try:
         everybody(session, "draco3", patience_s=60.0)
     finally:
