@@ -94,7 +94,8 @@ def test_link_set_live_works_is_told_and_survives_a_restart(stack: Watched) -> N
         "wbc": [("plant/state", "20ms", "150ms")],
     }
     assert stack.heard("wbc", "150ms", "request")
-    assert min(stack.ages()[5:]) >= 0.150
+    # Until the first state comes through the new link, the last of the old one is used on.
+    assert min(stack.ages(60)[30:]) >= 0.150
     listed = everybody(stack.session, stack.config.robot).replies["wbc"]
     row = next(row for row in listed.inputs if row.topic == PLANT_STATE.name)
     assert (row.link, row.requested_mean, row.lost) == ("150ms", 0.15, 0)
@@ -105,11 +106,11 @@ def test_link_set_live_works_is_told_and_survives_a_restart(stack: Watched) -> N
     stack.told.clear()
     stack.start("wbc", "controller", "--link", "plant/state=20ms")
     assert stack.heard("wbc", "150ms", "peer")
-    assert min(stack.ages()[5:]) >= 0.150
+    assert min(stack.ages(60)[30:]) >= 0.150
     # The other one's memory is enough the other way round, too.
     assert stack.set(plant__state=None)["wbc"] == [("plant/state", "150ms", "")]
     assert stack.heard("wbc", "", "request")
-    assert min(stack.ages()) < 0.100
+    assert min(stack.ages(60)) < 0.100
 
 
 def test_short_name_is_known_and_wrong_ones_are_refused_by_all(stack: Watched) -> None:
