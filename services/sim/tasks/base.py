@@ -68,11 +68,17 @@ class Pose:
 
     def local(self, point: Array) -> Array:
         """(3,) the world's ``point`` in this frame [m]."""
-        w, v = float(self.quaternion[0]), -self.quaternion[1:]
-        offset = point - self.position
-        turn = 2.0 * np.cross(v, offset)
-        result: Array = offset + w * turn + np.cross(v, turn)
-        return result
+        w, x, y, z = self.quaternion.tolist()
+        a, b, c = (point - self.position).tolist()
+        # Twice the vector part of the inverse rotation times the offset; numpy's cross is slow.
+        p, q, r = 2.0 * (z * b - y * c), 2.0 * (x * c - z * a), 2.0 * (y * a - x * b)
+        return np.array(
+            [
+                a + w * p + z * q - y * r,
+                b + w * q + x * r - z * p,
+                c + w * r + y * p - x * q,
+            ]
+        )
 
 
 def flat_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
@@ -90,7 +96,7 @@ class Snapshot:
         loads: (left, right) normal force of the feet [N].
         fallen: whether the robot has fallen.
         joints: hinges and slides of the scene [rad, m].
-        objects: bodies and sites the task watches.
+        objects: bodies the task watches.
         touches: what touched since the last tick, with the largest normal force [N].
     """
 
@@ -200,7 +206,7 @@ class Task:
         wrongs: what ends the trial at once.
         desired: contacts the task asks for or bears; every other one between robot and scene is
             undesired.
-        objects: bodies and sites of the scene to watch and to report.
+        objects: of the scene, to report; the judge sees those that are bodies, not the sites.
         joints: hinges and slides of the scene to watch and to report.
         marks: places that do not move; ``goal`` among them.
         noise: of the measured state, unless the plant's configuration says otherwise.

@@ -3,9 +3,6 @@
 import re
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from services.sim.contacts import normal_forces
 from services.sim.tasks.base import Touch
 
@@ -59,44 +56,45 @@ def _touch(one: str, other: str) -> Touch | None:
 
 
 class TouchSensor:
-    """Gathers what touched since it was last read, feeling every physics step."""
+    """Gathers what touched since it was last read.
+
+    The robot's touches are felt at every physics step, so that none is missed; those of things
+    among themselves, which last, only in the step before they are read.
+    """
 
     def __init__(self, model: Any, data: Any) -> None:
         names = [model.geom(i).name for i in range(model.ngeom)]
         self._data = data
-        self._touches: list[Touch | None] = [None]
-        self._code: NDArray[np.int32] = np.zeros((model.ngeom, model.ngeom), dtype=np.int32)
-        known: dict[Touch, int] = {}
+        # Dictionaries: a dozen contacts a step are too few for array operations to pay.
+        self._robots: dict[tuple[int, int], Touch] = {}
+        self._all: dict[tuple[int, int], Touch] = {}
         for i, one in enumerate(names):
-            for j in range(i):
-                touch = _touch(one, names[j]) if one and names[j] else None
+            for j, other in enumerate(names):
+                touch = _touch(one, other) if one and other else None
                 if touch is None:
                     continue
-                if touch not in known:
-                    known[touch] = len(self._touches)
-                    self._touches.append(touch)
-                self._code[i, j] = self._code[j, i] = known[touch]
-        self._felt: dict[int, float] = {}
+                self._all[i, j] = touch
+                if robot_part(one) or robot_part(other):
+                    self._robots[i, j] = touch
+        self._felt: dict[Touch, float] = {}
 
-    def feel(self) -> None:
-        """Note the contacts of the last physics step."""
+    def feel(self, *, things: bool) -> None:
+        """Note the contacts of the last physics step, those among ``things`` too if wanted."""
         data = self._data
         if not data.ncon:
             return
-        geoms = data.contact.geom
-        codes = self._code[geoms[:, 0], geoms[:, 1]]
-        hits = codes.nonzero()[0]
-        if not hits.size:
+        known = self._all if things else self._robots
+        touches = [known.get((one, other)) for one, other in data.contact.geom.tolist()]
+        if not any(touches):
             return
-        forces = normal_forces(data)[hits]
-        sums: dict[int, float] = {}
-        for code, force in zip(codes[hits].tolist(), forces.tolist(), strict=True):
-            sums[code] = sums.get(code, 0.0) + force
-        for code, force in sums.items():
-            if force > self._felt.get(code, 0.0):
-                self._felt[code] = force
+        sums: dict[Touch, float] = {}
+        for touch, force in zip(touches, normal_forces(data).tolist(), strict=True):
+            if touch is not None:
+                sums[touch] = sums.get(touch, 0.0) + force
+        for touch, force in sums.items():
+            self._felt[touch] = max(force, self._felt.get(touch, 0.0))
 
     def read(self) -> dict[Touch, float]:
         """What touched since the last call, with its largest normal force [N]."""
         felt, self._felt = self._felt, {}
-        return {touch: force for code, force in felt.items() if (touch := self._touches[code])}
+        return felt

@@ -40,6 +40,8 @@ class SceneView:
         self._torso = addresses.torso
         names = task.objects if task else ()
         self._objects = {name: _locate(model, data, name) for name in names}
+        bodies = {model.body(i).name for i in range(model.nbody)}
+        self._bodies = {name: read for name, read in self._objects.items() if name in bodies}
         joints = task.joints if task else ()
         self._joints = {name: int(model.joint(name).qposadr[0]) for name in joints}
 
@@ -56,6 +58,10 @@ class SceneView:
     def objects(self) -> dict[str, Pose]:
         """Watched bodies and sites."""
         return {name: read() for name, read in self._objects.items()}
+
+    def bodies(self) -> dict[str, Pose]:
+        """Watched bodies: all that a judge needs."""
+        return {name: read() for name, read in self._bodies.items()}
 
     def joints(self) -> dict[str, float]:
         """Watched hinges and slides."""
@@ -151,9 +157,10 @@ class Trial:
             time: since the start of the trial [s].
             fallen: whether the robot has fallen.
         """
-        self._touch.feel()
         self._steps += 1
-        if self._steps % TICK_STEPS == 0:
+        due = self._steps % TICK_STEPS == 0
+        self._touch.feel(things=due)
+        if due:
             self.judge.tick(self._snapshot(time, fallen=fallen))
 
     def _snapshot(self, time: float, *, fallen: bool) -> Snapshot:
@@ -164,7 +171,7 @@ class Trial:
             loads=(left, right),
             fallen=fallen,
             joints=self.view.joints(),
-            objects=self.view.objects(),
+            objects=self.view.bodies(),
             touches=self._touch.read(),
         )
 

@@ -4,12 +4,14 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+import mujoco
+import numpy as np
 import pytest
 
 from common.schemas import TaskVerdict
 from services.sim.scenes.bench import PUSH_GOAL, PUSH_LANE
 from services.sim.tasks import all_tasks, find_task
-from services.sim.tasks.base import Touch, flat_pose
+from services.sim.tasks.base import Pose, Touch, flat_pose
 from services.sim.tasks.judge import Judge
 
 from .support import snapshot
@@ -134,6 +136,17 @@ def test_tasks_are_complete(task: str) -> None:
     assert len({stage.name for stage in found.stages}) == len(found.stages)
     assert {s.after for s in found.stages} <= {"", *(s.name for s in found.stages)}
     assert bool(found.link) == (found.noise.position > 0.0) == task.startswith("twin/")
+
+
+def test_a_pose_sees_points_in_its_own_frame() -> None:
+    quaternion = np.array([0.4, -0.2, 0.8, 0.4])
+    pose = Pose(np.array([1.0, 2.0, 3.0]), quaternion / np.linalg.norm(quaternion))
+    matrix, inside = np.zeros(9), np.array([0.3, -0.5, 0.7])
+    mujoco.mju_quat2Mat(matrix, pose.quaternion)
+    world = pose.position + matrix.reshape(3, 3) @ inside
+    np.testing.assert_allclose(pose.local(world), inside, atol=1e-12)
+    assert pose.up == pytest.approx(matrix[8])
+    assert pose.yaw == pytest.approx(math.atan2(matrix[3], matrix[0]))
 
 
 def test_an_unknown_task_is_refused_with_the_known_ones() -> None:
