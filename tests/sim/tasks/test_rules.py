@@ -10,6 +10,7 @@ import pytest
 
 from common.schemas import TaskVerdict
 from services.sim.scenes.bench import PUSH_GOAL, PUSH_LANE
+from services.sim.scenes.cap import CAN_HEIGHT
 from services.sim.tasks import all_tasks, find_task
 from services.sim.tasks.base import Pose, Touch, flat_pose
 from services.sim.tasks.judge import Judge
@@ -39,6 +40,42 @@ def door(hinge: float, lever: float = 0.0) -> World:
     return {"joints": {"door_hinge": hinge, "door_lever": lever, "door_latch": 0.0}}
 
 
+LEFT_CAN, RIGHT_CAP = Touch("left", "finger", "can"), Touch("right", "palm", "cap")
+
+
+def hammer(x: float, z: float, speed: float = 0.0, *touches: Touch) -> World:
+    """A hammer ``x`` from the middle of a trolley that is turned round, ``z`` above the floor."""
+    place = flat_pose(0.7 - x, -0.7, z)
+    objects = {
+        "hammer": type(place)(place.position, place.quaternion, speed),
+        "cart": flat_pose(0.7, -0.7, 0.0, math.pi),
+    }
+    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+
+
+def tool(x: float, speed: float = 0.0, *touches: Touch) -> World:
+    place = flat_pose(0.4 + x, 0.0, 0.76)
+    moving = type(place)(place.position, place.quaternion, speed)
+    objects = {"tool": moving, "box": flat_pose(0.4, 0.0, 0.74)}
+    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+
+
+def cap(lift: float, *touches: Touch) -> World:
+    """A cap ``lift`` above its seat on a can that lies on its side."""
+    quarter = math.sqrt(0.5)
+    can = Pose(np.array([0.4, 0.0, 0.9]), np.array([quarter, 0.0, quarter, 0.0]))
+    objects = {"can": can, "cap": flat_pose(0.4 + CAN_HEIGHT + lift, 0.0, 0.9)}
+    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+
+
+ON_TRAY = Touch("", "cart tray", "hammer")
+IN_BOX, ON_TABLE = Touch("", "box", "tool"), Touch("", "table", "tool")
+HELD_HAMMER, HELD_TOOL = Touch("right", "finger", "hammer"), Touch("right", "finger", "tool")
+LIFT_HAMMER = (0.5, hammer(0.0, 1.0, 0.0, HELD_HAMMER))
+LIFT_TOOL = (0.5, tool(0.0, 0.0, HELD_TOOL))
+BOTH = (LEFT_CAN, RIGHT_CAP)
+
+
 def play(task: str, *acts: tuple[float, World]) -> Judge:
     """Judge a sequence of (duration [s], world)."""
     judge, tick = Judge(find_task(task)), 0
@@ -54,8 +91,14 @@ REACHED: dict[str, list[tuple[float, World]]] = {
     "door/unlock": [(0.1, door(0.0, 0.4)), (0.1, door(0.05, 0.4)), (1.0, door(0.0))],
     "door/push": [(0.6, at(1.3, 0.1))],
     "bench/walk": [(0.6, cart(0.82))],
+    "bench/hammer": [LIFT_HAMMER, (1.1, hammer(0.2, 0.75, 0.0, ON_TRAY))],
+    "twin/tool": [LIFT_TOOL, (1.1, tool(0.05, 0.0, IN_BOX))],
+    "twin/cap": [(0.3, cap(0.0, *BOTH)), (0.6, cap(0.04, *BOTH))],
     "bench/push": [(0.5, cart(1.5)), (0.6, cart(PUSH_GOAL[0] + 0.1))],
 }
+
+
+assert set(REACHED) == set(all_tasks())
 
 
 @pytest.mark.parametrize("task", REACHED)
@@ -66,17 +109,31 @@ def test_goal_reached(task: str) -> None:
 
 @pytest.mark.parametrize("task", REACHED)
 def test_goal_reached_with_a_collision(task: str) -> None:
-    hit = [(d, {**world, "touches": {WRIST: 20.0}}) for d, world in REACHED[task]]
+    hit = [
+        (d, {**world, "touches": {**world.get("touches", {}), WRIST: 20.0}})
+        for d, world in REACHED[task]
+    ]
     judge = play(task, *hit)
     assert judge.verdict is TaskVerdict.PARTIAL
     assert "left wrist on jamb" in judge.reason
 
 
+FAR_AWAY = flat_pose(-3.0, 0.0, 0.82)
+FAR: dict[str, World] = {
+    "door": {"robot": FAR_AWAY, "joints": DOOR},
+    "bench": {
+        **cart(0.5, robot=FAR_AWAY),
+        "objects": {**cart(0.5)["objects"], "hammer": flat_pose(0.4, -0.2, 0.96)},
+    },
+    "twin": {},
+}
+
+
 @pytest.mark.parametrize("task", REACHED)
 def test_goal_reached_too_late(task: str) -> None:
-    nowhere = {**REACHED[task][0][1], "robot": flat_pose(-3.0, 0.0, 0.82)}
-    nowhere |= {"joints": {**nowhere["joints"], "door_lever": 0.0}} if "door" in task else {}
-    nowhere |= dict(cart(0.5, robot=flat_pose(-3.0, 0.0, 0.82))) if "bench" in task else {}
+    nowhere = dict(FAR[task.split("/", maxsplit=1)[0]])
+    if task.startswith("twin/"):
+        nowhere = dict(tool(0.2) if task == "twin/tool" else cap(0.0))
     limit = find_task(task).limit
     judge = play(task, (limit + 0.01, nowhere), *REACHED[task])
     assert judge.verdict is TaskVerdict.FAILURE
@@ -103,6 +160,29 @@ MISSED: list[tuple[str, World]] = [
 @pytest.mark.parametrize(("task", "world"), MISSED)
 def test_goal_missed_by_a_little(task: str, world: World) -> None:
     assert play(task, (3.0, world)).verdict is TaskVerdict.RUNNING
+
+
+MISSED_THINGS: list[tuple[str, list[tuple[float, World]]]] = [
+    # Still held, never lifted, beside the tray, rolling, hovering.
+    ("bench/hammer", [LIFT_HAMMER, (3.0, hammer(0.2, 0.75, 0.0, ON_TRAY, HELD_HAMMER))]),
+    ("bench/hammer", [(3.0, hammer(0.2, 0.75, 0.0, ON_TRAY))]),
+    ("bench/hammer", [LIFT_HAMMER, (3.0, hammer(0.29, 0.75, 0.0, ON_TRAY))]),
+    ("bench/hammer", [LIFT_HAMMER, (3.0, hammer(0.2, 0.75, 0.06, ON_TRAY))]),
+    ("bench/hammer", [LIFT_HAMMER, (3.0, hammer(0.2, 0.75))]),
+    ("twin/tool", [LIFT_TOOL, (3.0, tool(0.05, 0.0, IN_BOX, HELD_TOOL))]),
+    ("twin/tool", [LIFT_TOOL, (3.0, tool(0.05, 0.0, IN_BOX, ON_TABLE))]),
+    ("twin/tool", [LIFT_TOOL, (3.0, tool(0.12, 0.0, IN_BOX))]),
+    # Both hands but the cap still on, or hardly off; off in one hand; both things in one hand.
+    ("twin/cap", [(3.0, cap(0.0, *BOTH))]),
+    ("twin/cap", [(3.0, cap(0.03, *BOTH))]),
+    ("twin/cap", [(0.3, cap(0.0, *BOTH)), (3.0, cap(0.04, RIGHT_CAP))]),
+    ("twin/cap", [(3.0, cap(0.04, Touch("right", "finger", "can"), RIGHT_CAP))]),
+]
+
+
+@pytest.mark.parametrize(("task", "acts"), MISSED_THINGS)
+def test_things_not_where_they_should_be(task: str, acts: list[tuple[float, World]]) -> None:
+    assert play(task, *acts).verdict is TaskVerdict.RUNNING
 
 
 def test_a_moving_robot_has_not_arrived() -> None:
