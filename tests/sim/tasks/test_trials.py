@@ -84,6 +84,16 @@ def test_a_wrist_on_the_jamb_is_told_by_name() -> None:
     assert "left wrist on jamb" in shop.undesired
 
 
+def test_a_touch_between_two_looks_of_the_judge_is_not_missed() -> None:
+    shop = Workshop("door", "door/walk")
+    shop.run(0.002)
+    shop.place_robot(0.58, 0.0)
+    shop.run(0.003)
+    shop.place_robot(-0.5, 0.0)
+    shop.run(0.02)
+    assert "left foot on leaf" in shop.undesired
+
+
 def test_walk_through_the_door() -> None:
     shop = Workshop("door", "door/push")
     shop.set("door_hinge", 1.7)
