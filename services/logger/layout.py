@@ -13,7 +13,9 @@ from common.topics import ALL_TOPICS
 from services.logger.export.ros import camera_frame
 from services.logger.export.spatial import WORLD_FRAME
 
-RED, BLUE, ORANGE, GREY = (225, 87, 89), (78, 121, 167), (242, 142, 43), (128, 128, 128)
+RED, BLUE, ORANGE = (225, 87, 89), (78, 121, 167), (242, 142, 43)
+_PLANE = "_image_plane"
+"""What Rerun's importer adds to the frame of a CompressedImage."""
 _PERIODIC = frozenset(topic.name for topic in ALL_TOPICS if topic.rate > 0.0)
 
 
@@ -33,7 +35,6 @@ def blueprint(topics: Iterable[str]) -> rrb.Blueprint:
                 row_shares=[3, 4, 4, 4, 4, 3],
             ),
         ),
-        rrb.TimePanel(timeline="message_log_time", state="collapsed"),
         collapse_panels=True,
     )
 
@@ -45,9 +46,8 @@ def _robot() -> rrb.Spatial3DView:
         contents=["/robot/**", "/tf", "/hands/**", "/base/**"],
         spatial_information=rrb.SpatialInformation(WORLD_FRAME),
         eye_controls=rrb.EyeControls3D(
-            position=(2.3, -1.9, 1.5), look_target=(0.1, 0.0, 0.65), eye_up=(0.0, 0.0, 1.0)
+            position=(1.7, -1.4, 1.2), look_target=(0.1, 0.0, 0.62), eye_up=(0.0, 0.0, 1.0)
         ),
-        overrides={"/base/measured": rr.TransformAxes3D(0.2)},
     )
 
 
@@ -55,7 +55,7 @@ def _eye(side: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         name=f"{side} eye",
         origin=f"/camera/{side}",
-        spatial_information=rrb.SpatialInformation(camera_frame(side)),
+        spatial_information=rrb.SpatialInformation(f"{camera_frame(side)}{_PLANE}"),
     )
 
 
@@ -77,17 +77,21 @@ def _errors() -> rrb.TimeSeriesView:
 
 
 def _hands() -> rrb.TimeSeriesView:
-    curves = {
-        f"/hands/{side}/{what}": [_coordinate(2, f"{side} {what}", colour)]
-        for side, colours in (("left", (GREY, BLUE)), ("right", (GREY, ORANGE)))
-        for what, colour in zip(("setpoint", "measured"), colours, strict=True)
-    }
-    return _plot("hand height in torso_link: set-point and measured [m]", curves)
+    curves = [
+        _curve("Setpoint", f".{side}_hand_position_in_body[{axis}]", f"{side} {name}")
+        for side in ("left", "right")
+        for axis, name in enumerate("xyz")
+    ]
+    return _plot("hand set-points in torso_link [m]", {"/teleop/setpoint": curves})
 
 
 def _joints() -> rrb.TimeSeriesView:
-    legs = ["/joints/measured/position"]
-    return _plot(f"the {len(JOINT_NAMES)} joints measured [rad]", {}, contents=legs)
+    return rrb.TimeSeriesView(
+        name=f"the {len(JOINT_NAMES)} joints, measured [rad]",
+        origin="/joints/measured/position",
+        plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
+        axis_x=rrb.TimeAxis(link=LinkAxis.LinkToGlobal),
+    )
 
 
 def _ages(links: Sequence[str]) -> rrb.TimeSeriesView:
@@ -100,12 +104,10 @@ def _ages(links: Sequence[str]) -> rrb.TimeSeriesView:
     return _plot("age of inputs [s]", curves)
 
 
-def _plot(
-    name: str, curves: Mapping[str, Sequence[Any]], contents: Sequence[str] | None = None
-) -> rrb.TimeSeriesView:
+def _plot(name: str, curves: Mapping[str, Sequence[Any]]) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         name=name,
-        contents=list(curves) if contents is None else list(contents),
+        contents=list(curves),
         overrides={entity: list(several) for entity, several in curves.items()},
         plot_legend=rrb.PlotLegend(rrb.Corner2D.LeftTop),
         axis_x=rrb.TimeAxis(link=LinkAxis.LinkToGlobal),
@@ -118,12 +120,6 @@ def _curve(
     """A curve of the number that a selector, in the manner of jq, finds in a ``schema``."""
     return rr.SeriesLines(names=name, colors=colour).visualizer(
         mappings=[_mapping("Scalars:scalars", f"trill.{schema}:message", selector)]
-    )
-
-
-def _coordinate(axis: int, name: str, colour: Any) -> Any:
-    return rr.SeriesLines(names=name, colors=colour).visualizer(
-        mappings=[_mapping("Scalars:scalars", "InstancePoses3D:translations", f".[{axis}]")]
     )
 
 

@@ -85,7 +85,8 @@ def write_recording(exported: Path, path: Path, name: str) -> None:
 
     from services.logger.layout import blueprint
 
-    reader = McapReader(exported)
+    # Heartbeats are many and show nothing that the ages of the links do not.
+    reader = McapReader(exported, exclude_topic_regex=["^/heartbeat/"])
     recording = rr.RecordingStream(APPLICATION, recording_id=name)
     topics = [channel.topic for channel in reader.info().channels]
     recording.save(path, default_blueprint=blueprint(topics))
@@ -128,7 +129,7 @@ def has_display() -> bool:
     )
 
 
-_COMMAND = (sys.executable, "-m", "rerun")
+_COMMAND = (sys.executable, "-m", "rerun_cli")
 
 
 def _environment() -> dict[str, str]:
@@ -150,9 +151,11 @@ def _log_shapes(recording: "rr.RecordingStream") -> None:  # type: ignore[name-d
 
     for side, colour in _SIDE_COLOURS.items():
         mark = rr.Ellipsoids3D(
-            radii=SETPOINT_RADIUS, colors=colour, fill_mode=rr.components.FillMode.Solid
+            half_sizes=[[SETPOINT_RADIUS] * 3],
+            colors=[colour],
+            fill_mode=rr.components.FillMode.Solid,
         )
-        recording.log(f"/hands/{side}/setpoint", mark, static=True)
+        recording.log(f"/hands/{side}/setpoint", mark, static=True, strict=True)
     try:
         meshes = RobotModel().meshes()
     except ImportError:  # the export has said so
@@ -168,4 +171,5 @@ def _log_shapes(recording: "rr.RecordingStream") -> None:  # type: ignore[name-d
                 albedo_factor=[round(255 * part) for part in mesh.colour],
             ),
             static=True,
+            strict=True,
         )

@@ -4,6 +4,9 @@ The page may talk to nothing but this server: the viewer's own usage statistics,
 checks stay unsent.
 """
 
+import contextlib
+import os
+import signal
 import socket
 import subprocess
 import time
@@ -106,12 +109,13 @@ def viewer_pages(command: Sequence[str], environment: Mapping[str, str]) -> Page
     """
     port = _free_port()
     # Given a recording's address it serves the pages alone; the address is never opened.
-    serve = ["--serve-web", "--bind", HOST, "--web-viewer-port", str(port)]
+    serve = ["--serve-web", "--bind", HOST, "--port", "auto", "--web-viewer-port", str(port)]
     child = subprocess.Popen(
         [*command, f"http://{HOST}:{port}{RECORDING}", *serve],
         env=dict(environment),
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
+        start_new_session=True,
     )
     try:
         return {
@@ -119,7 +123,9 @@ def viewer_pages(command: Sequence[str], environment: Mapping[str, str]) -> Page
             for path, kind in _PAGES.items()
         }
     finally:
-        child.terminate()
+        # The command is a script around the program: both have to end.
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(child.pid, signal.SIGTERM)
         child.wait()
 
 

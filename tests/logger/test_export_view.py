@@ -100,10 +100,17 @@ def test_rerun_reads_what_is_written(tmp_path: Path) -> None:
     export_log(tmp_path / "log.mcap", tmp_path / "out.mcap")
     view.write_recording(tmp_path / "out.mcap", tmp_path / "view.rrd", name="a run")
     rows: dict[str, int] = {}
+    static: set[str] = set()
     for chunk in RrdReader(tmp_path / "view.rrd").stream():
+        if chunk.is_static:
+            static |= {
+                f"{chunk.entity_path} {name}" for name in chunk.to_record_batch().schema.names
+            }
         if not chunk.is_static:
             rows[chunk.entity_path] = max(rows.get(chunk.entity_path, 0), chunk.num_rows)
     assert rows["/joints/measured/position"] == 20
     assert rows["/camera/left"] == 5
     assert rows["/events"] == 2
     assert rows["/plant/state"] == 20
+    assert "/hands/left/setpoint Ellipsoids3D:half_sizes" in static
+    assert sum("Mesh3D:vertex_positions" in one for one in static) > 25
