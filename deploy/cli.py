@@ -131,6 +131,8 @@ def _system(parser: argparse.ArgumentParser) -> None:
         "simulation; the standard) or rated (the URDF's; stands taller, walks slower)",
     )
     parser.add_argument("--no-cameras", action="store_true", help="the robot does not see")
+    parser.add_argument("--task", help="a scored task in its scene, e.g. door/unlock (trill tasks)")
+    parser.add_argument("--seed", type=int, default=0, help="of noise and the task's start (0)")
     _bus(parser, "first port of the system (standard: a free block is found)")
     latency_cli.add_latency_option(parser)
 
@@ -152,12 +154,18 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
+    if arguments.task is not None:
+        from services.sim.tasks import find_task
+
+        find_task(arguments.task)
     return SystemOptions(
         mode=arguments.mode,
         cameras=not arguments.no_cameras,
         record=not getattr(arguments, "no_record", False),
         config=arguments.config,
         restart=restart,
+        task=arguments.task,
+        seed=arguments.seed,
         links=latency_cli.chosen_links(arguments.latency),
     )
 

@@ -36,6 +36,8 @@ class SystemOptions:
         config: TOML file for the whole stack, or None.
         restart: what happens to a service that fails.
         links: injected delays, as the text of TRILL_LINKS.
+        task: scored task of the plant; None: flat ground.
+        seed: of sensor noise and the task's start.
     """
 
     mode: str = "relaxed"
@@ -44,11 +46,16 @@ class SystemOptions:
     config: Path | None = None
     restart: Restart = Restart.NEVER
     links: str = ""
+    task: str | None = None
+    seed: int = 0
 
 
 def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
     """The robot's side: router, logger, plant, cameras, controller."""
     limits = ("--torque-mode", options.mode)
+    plant: tuple[str, ...] = (*limits, "--seed", str(options.seed))
+    if options.task is not None:
+        plant = (*plant, "--task", options.task)
     return [
         ProcessSpec(
             "router",
@@ -66,7 +73,7 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             wanted=options.record,
             stop_wave=_LAST,
         ),
-        ProcessSpec("sim", "services.sim", limits, options.restart, stop_wave=_FIRST),
+        ProcessSpec("sim", "services.sim", plant, options.restart, stop_wave=_FIRST),
         ProcessSpec(
             "cameras",
             "services.sim.cameras",

@@ -202,3 +202,12 @@ def test_the_command_runs_from_anywhere(tmp_path: Path) -> None:
         check=True,
     )
     assert "Publishes" in ended.stdout
+
+
+def test_a_viewers_machine_needs_neither_physics_nor_solvers() -> None:
+    code = (
+        "import sys, deploy.cli; "
+        "print(sorted({'mujoco', 'pinocchio', 'osqp', 'daqp', 'rerun'} & set(sys.modules)))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "[]"

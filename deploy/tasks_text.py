@@ -1,0 +1,107 @@
+"""What ``trill tasks`` prints and draws."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from services.sim.scenes import SCENES
+from services.sim.tasks import Task, all_tasks
+from services.sim.tasks.touch import thing_of
+from services.sim.world import build_model
+
+PICTURES = Path("docs/tasks")
+
+
+def task_table(tasks: list[Task]) -> Table:
+    """The tasks at a glance."""
+    table = Table(show_lines=True)
+    for title in ("task", "goal", "limit", "a success if", "picture"):
+        table.add_column(title, overflow="fold")
+    table.columns[0].no_wrap = table.columns[2].no_wrap = True
+    for task in tasks:
+        picture = PICTURES / f"{task.scene}.jpg"
+        table.add_row(task.name, task.goal, f"{task.limit:g} s", task.rule, str(picture))
+    return table
+
+
+def describe(task: Task) -> str:
+    """Everything about one task, in plain text."""
+    scene = SCENES[task.scene]
+    stages = [
+        f"  {i}. {stage.name}"
+        + (f", for {stage.hold:g} s" if stage.hold else "")
+        + (f", after: {stage.after}" if stage.after else "")
+        + (" (part of the task)" if stage.counts else "")
+        for i, stage in enumerate(task.stages, start=1)
+    ]
+    noise = "typical state noise" if task.noise.position else "no state noise"
+    lines = [
+        f"{task.name}: {task.goal}",
+        "",
+        f"scene       {scene.name}: {scene.doc}",
+        f"time limit  {task.limit:g} s from the first command that the plant applies",
+        f"success     {task.rule}",
+        "partial     the goal with an undesired contact, or some part of the task in time",
+        "failure     a fall, or nothing done in time"
+        + "".join(f", or: {wrong.name}" for wrong in task.wrongs),
+        f"conditions  {noise}" + (f"; link preset: {task.link}" if task.link else ""),
+        f"origin      {task.origin}",
+        "",
+        "stages, the last is the goal:",
+        *stages,
+        "",
+        "desired contacts (every other one of robot and scene is undesired):",
+        *([f"  {pair}" for pair in sorted(task.desired)] or ["  none"]),
+        "",
+        f"undesired contacts, for instance: {', '.join(_undesired(task))}",
+        f"operators see: {', '.join((*task.objects, *task.joints, *task.marks))}",
+    ]
+    return "\n".join(lines)
+
+
+def _undesired(task: Task) -> list[str]:
+    """Every undesired pair that the scene has, the likeliest parts first."""
+    model = build_model(task.scene, looks=False)
+    # The robot's shapes have the first of the collision bits.
+    reachable = (model.geom_contype | model.geom_conaffinity) & 1
+    names = [model.geom(i).name for i in range(model.ngeom) if reachable[i]]
+    things = dict.fromkeys(thing_of(name) for name in names if "." in name)
+    likely = ("wrist", "elbow", "knee", "foot", "chest", "finger")
+    wanted = {str(pair) for pair in task.desired}
+    every = [f"{part} on {thing}" for thing in things for part in likely]
+    return [pair for pair in every if pair not in wanted]
+
+
+def physics_table() -> str:
+    """Masses, frictions and springs of all scenes, as Markdown."""
+    lines: list[str] = []
+    for scene in SCENES.values():
+        if not scene.physics:
+            continue
+        lines += [
+            f"## {scene.name}: {scene.doc}",
+            "",
+            "| quantity | value | why |",
+            "|---|---|---|",
+        ]
+        lines += [
+            f"| {row.what} | {f'{row.value:g} {row.unit}'.strip()} | {row.why} |"
+            for row in scene.physics
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def draw(console: Console, directory: Path) -> None:
+    """Draw every scene into a directory, with a progress bar."""
+    # Needs OpenGL and is only wanted here.
+    from services.sim.tasks.pictures import write_sheets
+
+    scenes = {task.scene for task in all_tasks().values()}
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("drawing the scenes", total=len(scenes))
+        for path in write_sheets(directory):
+            progress.advance(bar)
+            progress.console.print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
