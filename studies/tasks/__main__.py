@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
-from common.bus.links import parse_link_options
+from common.bus.links import Links, parse_link_options
 from common.errors import TrillError
 from services.sim.tasks import all_tasks
 from services.teleop.synthetic.traits import TRAITS
@@ -56,6 +56,26 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("task", choices=["all", *all_tasks()], help="which task")
     run.add_argument("--seeds", type=seed_range, default=range(5), help="for instance 0:25")
     run.add_argument("--jobs", type=int, default=1, help="trials at a time")
+    run.add_argument("--out", type=Path, help="write the results as JSON")
+    _trial_options(run)
+    film = commands.add_parser(
+        "film",
+        help="run one trial and write a sheet of pictures",
+        description="Run one trial and write evenly spaced moments of it as a PNG.",
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+    )
+    film.add_argument("task", choices=list(all_tasks()), help="which task")
+    film.add_argument("--seeds", type=seed_range, default=range(1), help="one seed", metavar="SEED")
+    film.add_argument("--pictures", type=int, default=9, help="how many")
+    film.add_argument("--columns", type=int, default=3, help="pictures in a row")
+    film.add_argument("--view", type=int, choices=[0, 1, 2], default=0, help="the scene's camera")
+    film.add_argument("--out", type=Path, default=Path("trial.png"), help="of the PNG")
+    _trial_options(film)
+    return main
+
+
+def _trial_options(run: argparse.ArgumentParser) -> None:
+    """Options about a trial itself."""
     run.add_argument("--traits", choices=list(TRAITS), default="practised", help="of the operator")
     run.add_argument(
         "--link",
@@ -70,8 +90,6 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--physics-steps", type=int, default=1, help="per step of the plant's service; more: faster"
     )
-    run.add_argument("--out", type=Path, help="write the results as JSON")
-    return main
 
 
 def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
@@ -81,6 +99,7 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
         ConfigError: a link is not understood.
     """
     links = parse_link_options(arguments.link)
+    Links.from_table(links)
     tasks = list(all_tasks()) if arguments.task == "all" else [arguments.task]
     return [
         TrialSpec(
@@ -111,10 +130,31 @@ def run_all(trials: list[TrialSpec], jobs: int) -> list[TrialResult]:
     return [results[i] for i in range(len(trials))]
 
 
+def film(arguments: argparse.Namespace) -> int:
+    """Run one trial, write its pictures, print its verdict."""
+    from studies.tasks.film import record, write_sheet
+
+    trial = specs(arguments)[0]
+    result, moments = record(trial)
+    print(line(result))
+    write_sheet(
+        trial,
+        moments,
+        arguments.out,
+        pictures=arguments.pictures,
+        columns=arguments.columns,
+        view=arguments.view,
+    )
+    print(f"wrote {arguments.out}")
+    return 0 if result.verdict == "success" else 1
+
+
 def main(argv: list[str] | None = None) -> int:
     """Run the study; returns the exit code."""
     arguments = parser().parse_args(argv)
     try:
+        if arguments.command == "film":
+            return film(arguments)
         results = run_all(specs(arguments), arguments.jobs)
     except TrillError as error:
         print(f"studies.tasks: {error}", file=sys.stderr)

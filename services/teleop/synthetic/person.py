@@ -37,6 +37,8 @@ _CORRECTION = 0.05
 _GLANCE = 4
 """Pictures over which a hand's speed is judged."""
 _LONGEST_WAIT = 6.0
+_STEER = 1.0
+"""How quickly a hand that strays from its line is brought back [1/s]."""
 _RAMP = 0.3
 """Time in which a steady push gets up to speed [s]."""
 
@@ -331,12 +333,15 @@ class Person:
             whether ``until`` was seen.
         """
         limb, gone, pace, blocked = self.limbs[side], 0.0, 0.0, 0.0
+        line = self.sight.hands[side].position
         while gone < distance and not until(self.sight):
             heading = direction(self.sight)
             ahead = self.expected(side).position - self.sight.hands[side].position
             room = float(ahead @ heading) < lead
             pace = min(speed, pace + speed * self.dt / _RAMP) if room else 0.0
-            limb.drive(pace * heading)
+            astray = self.sight.hands[side].position - line
+            aside = astray - float(astray @ heading) * heading
+            limb.drive(pace * heading - _STEER * aside)
             yield
             gone += pace * self.dt
             blocked = 0.0 if room else blocked + self.dt

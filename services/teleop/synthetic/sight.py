@@ -62,10 +62,12 @@ def easy_yaw(side: str, y: float) -> float:
     """Yaw [rad] at which a level hand reaches ``y`` [m] of the body frame with ease.
 
     By inverse kinematics within the arm's limits, x 0.28 to 0.44 m, z -0.1 to 0.18 m: straight
-    ahead from 0.2 m outwards, turned inward by 15 degrees at 0.1 m and by 30 at the middle.
+    ahead at 0.2 m, turned inward by 15 degrees at 0.1 m and by 30 at the middle, outward by 7
+    degrees at 0.3 m.
     """
     sign = 1.0 if side == "left" else -1.0
-    return sign * float(np.clip(2.9 * (sign * y - 0.19), -0.8, 0.0))
+    inward, outward = 2.9 * (sign * y - 0.19), 1.5 * (sign * y - 0.22)
+    return sign * float(np.clip(inward, -0.8, 0.0) + np.clip(outward, 0.0, 0.2))
 
 
 @dataclass(frozen=True)

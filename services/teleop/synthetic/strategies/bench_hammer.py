@@ -11,6 +11,8 @@ SIDE = "right"
 BELOW_GRIP = 0.1325
 """From the gripped point down to the end of the handle [m]."""
 LIFTED = 0.03
+FURTHEST = 0.49
+"""Before the body no hand reaches further [m]."""
 TRAY_X = 0.13
 """Where to put the hammer: this far behind the tray's near rim [m]."""
 
@@ -49,7 +51,7 @@ def take(person: Person) -> Act:
     """Open hand before the handle, around it, close, lift, and back."""
     before = person.vary(0.16, 0.015)
     height = person.vary(0.0, 0.008)
-    lift, back = person.vary(0.07, 0.006), person.vary(0.13, 0.01)
+    lift, back = person.vary(0.045, 0.004), person.vary(0.13, 0.01)
 
     def at(ahead: float, up: float) -> Pose:
         grip = person.sight.thing("hammer_grip").position
@@ -86,8 +88,8 @@ def shift(person: Person, by: tuple[float, float, float], speed: float = 1.0) ->
 
 
 def carry(person: Person) -> Act:
-    """Before the body, then side-step until the tray is before the hand."""
-    x, y, z = person.vary(0.33, 0.006), person.vary(-0.22, 0.008), person.vary(0.115, 0.005)
+    """Low before the body, clear of the hanger while the torso sways, and side-step to the tray."""
+    x, y, z = person.vary(0.305, 0.006), person.vary(-0.22, 0.008), person.vary(0.04, 0.005)
     person.note = "carrying"
     yield from person.reach(SIDE, lambda _: hand_pose(x, y, z), tolerance=0.025)
     steps = 0
@@ -99,6 +101,8 @@ def carry(person: Person) -> Act:
         yield from person.gait(Gait.SIDE_RIGHT)
         yield from person.react()
         steps += 1
+    high = hand_pose(person.vary(0.335, 0.006), y, person.vary(0.12, 0.004))
+    yield from person.reach(SIDE, lambda _: high, tolerance=0.025)
     return True
 
 
@@ -110,7 +114,8 @@ def put_down(person: Person) -> Act:
 
     def over(sight: Sight, height: float, pitch: float) -> Pose:
         y = float(np.clip(sight.hand_in_world(SIDE)[1], tray[1] - 0.14, tray[1] + 0.14))
-        return facing(sight, np.array([near, y, tray[2] + height]), pitch)
+        pose = facing(sight, np.array([near, y, tray[2] + height]), pitch)
+        return Pose(np.minimum(pose.position, (FURTHEST, np.inf, np.inf)), pose.quaternion)
 
     person.note = "putting down"
     yield from person.reach(

@@ -1,6 +1,11 @@
-"""bench/push: fists against the bar, then walk; steer by reaching further with one hand."""
+"""bench/push: take the bar with both hands and walk the trolley to its place.
+
+Fists that only lean on the bar slide along it as the torso sways from foot to foot, and turn the
+trolley by 10 degrees a gait; hands that grip stay where they are.
+"""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -9,85 +14,80 @@ from services.teleop.hand import SIDES
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Pose, Sight, hand_pose
 
-TIP = 0.035
-"""From the hand's frame to the end of the fist [m]."""
-BAR_RADIUS = 0.02
+Placing = Callable[[Sight, str, float], Pose]
+"""A hand's pose by what is seen, side and distance along the hand's axis [m]."""
 SHORT = 0.045
 """How far before the goal the trolley may be left [m]."""
 MOST_GAITS = 10
+FURTHEST = 0.43
+"""Before the body a hand turned like this reaches no further at the bar's height [m]."""
 
 
 def push_cart(person: Person) -> Act:
     """Push the trolley to its goal."""
     person.note = "looking at the trolley"
     person.gaze = 0.35
-    width = person.vary(0.215, 0.008)
-    pitch, height = person.vary(0.3, 0.03), person.vary(0.0, 0.004)
-    press = person.vary(0.015, 0.005)
     yield from person.react()
     yield from person.engage("left", "right")
-    person.note = "fists before the bar"
-    yield from person.together(person.grip("left", 1.0), person.grip("right", 1.0))
-    yield from _place(person, width, pitch, height, -0.045, 0.0)
-    person.note = "fists on the bar"
-    yield from _place(person, width, pitch, height, press, 0.0)
+    yield from take_bar(person)
     for _ in range(MOST_GAITS):
-        ahead, turned = remaining(person.sight)
+        ahead = remaining(person.sight)
         if ahead < SHORT:
             break
         person.note = f"pushing, {ahead:.2f} m to go"
-        yield from person.gait(steering(person.sight))
+        yield from person.gait(Gait.FORWARD)
         yield from person.react()
-        _, turned = remaining(person.sight)
-        if abs(turned) > math.radians(2.5):
-            yield from _place(person, width, pitch, height, press, turned)
     else:
         raise StrategyError(f"the trolley is not at its place after {MOST_GAITS} gaits")
+    person.note = "letting go"
+    yield from person.pause(abs(person.vary(0.5, 0.3)))
+    yield from person.together(person.grip("left", 0.0), person.grip("right", 0.0))
     person.note = "done"
     return True
 
 
-def remaining(sight: Sight) -> tuple[float, float]:
-    """How far the trolley has to go [m], and its heading from the goal's [rad]."""
-    cart, goal = sight.thing("cart"), sight.thing("goal")
-    return (
-        float(goal.position[0] - cart.position[0]),
-        math.remainder(cart.yaw - goal.yaw, math.tau),
-    )
+def remaining(sight: Sight) -> float:
+    """How far the trolley has to go [m]."""
+    return float(sight.thing("goal").position[0] - sight.thing("cart").position[0])
 
 
-def steering(sight: Sight) -> Gait:
-    """Ahead; a turn where the robot itself has lost its heading."""
-    yaw = sight.torso.yaw
-    if abs(yaw) > math.radians(11.0):
-        return Gait.TURN_RIGHT if yaw > 0.0 else Gait.TURN_LEFT
-    return Gait.FORWARD
+def take_bar(person: Person) -> Act:
+    """Open hands, rolled so that the fingers are above and below the bar, onto it, and close."""
+    width, pitch = person.vary(0.20, 0.01), person.vary(0.52, 0.03)
+    roll, before = person.vary(1.45, 0.06), person.vary(0.10, 0.008)
 
-
-def _place(
-    person: Person, width: float, pitch: float, height: float, ahead: float, turned: float
-) -> Act:
-    """Both fists to the bar's height, ``ahead`` of touching it; the lagging end gets more."""
-
-    def goal(side: str, sight: Sight) -> Pose:
+    def at(sight: Sight, side: str, ahead: float) -> Pose:
         sign = 1.0 if side == "left" else -1.0
         bar = sight.torso.local(sight.thing("cart_bar").position)
-        more = float(np.clip(0.15 * turned * sign, -0.02, 0.02))
-        x = min(0.385, float(bar[0]) - BAR_RADIUS - TIP * math.cos(pitch) + ahead + more)
-        z = float(bar[2]) + height + TIP * math.sin(pitch)
-        return hand_pose(x, sign * width, z, 0.0, pitch)
+        along = ahead * np.array([math.cos(pitch), 0.0, -math.sin(pitch)])
+        x = min(FURTHEST, float(bar[0]))
+        pose = hand_pose(x, float(bar[1]) + sign * width, float(bar[2]), sign * roll, pitch)
+        return Pose(pose.position + along, pose.quaternion)
 
-    yield from person.together(
-        *(
-            person.reach(
-                side,
-                lambda sight, side=side: goal(side, sight),  # type: ignore[misc]
-                speed=0.9,
-                tolerance=0.03,
-                angle=0.3,
-                corrections=1 if ahead < 0.0 else 0,
-            )
-            for side in SIDES
+    def both(ahead: float, speed: float, tolerance: float) -> Act:
+        return person.together(
+            *(_reach(person, side, at, ahead, speed, tolerance) for side in SIDES)
         )
-    )
+
+    person.note = "hands before the bar"
+    yield from person.together(person.grip("left", 0.0), person.grip("right", 0.0))
+    yield from both(-before, 0.9, 0.02)
+    person.note = "hands around the bar"
+    yield from both(0.0, 0.7, 0.015)
+    person.note = "gripping"
+    yield from person.react()
+    yield from person.together(person.grip("left", 1.0), person.grip("right", 1.0))
     return True
+
+
+def _reach(
+    person: Person, side: str, at: Placing, ahead: float, speed: float, tolerance: float
+) -> Act:
+    return person.reach(
+        side,
+        lambda sight: at(sight, side, ahead),
+        speed=speed,
+        tolerance=tolerance,
+        angle=0.2,
+        corrections=2,
+    )

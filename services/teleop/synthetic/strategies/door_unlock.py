@@ -7,16 +7,22 @@ from services.teleop.synthetic.arms import rotate_vector
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
 
-PRESSED = 0.44
+PRESSED = 0.42
 """Lever angle that surely frees the bolt [rad]."""
-AJAR = 0.07
+AJAR = 0.055
 """Leaf angle at which to stop pushing [rad]."""
+LEAD = 0.13
+"""How far the own hand may be ahead in contact [m]: the force, some 100 N/m, comes of it."""
+DOWN = (0.12, 0.0, -0.993)
+"""A little forward: a pressed hand yields backward and would slip off the lever."""
+FURTHEST = 0.425
+"""Before the body a hand still has room to push [m]."""
 SIDE = "left"
 
 
 def level_hand(sight: Sight, point: Array, roll: float = 0.0) -> Pose:
     """The fist at a point (3,) of the world, level and turned as is easy, in the body frame."""
-    place = sight.torso.local(point)
+    place = np.minimum(sight.torso.local(point), (FURTHEST, np.inf, np.inf))
     yaw = easy_yaw(SIDE, float(place[1]))
     return Pose(place, hand_pose(0.0, 0.0, 0.0, roll, 0.0, yaw).quaternion)
 
@@ -47,15 +53,19 @@ def unlock(person: Person) -> Act:
 
 
 def press_and_push(person: Person, *, first: bool) -> Act:
-    """Lay the fist on the lever, press, and push the leaf; returns whether it opened."""
-    aside, ahead = person.vary(0.0, 0.012), person.vary(0.0, 0.008)
+    """Come from beside the lever, lay the fist on it, press, and push; whether the leaf opened.
+
+    From the front the fist would meet the lever: close to the body the arm does not reach high.
+    """
+    aside, ahead = person.vary(0.006, 0.008), person.vary(0.014, 0.006)
     hover = person.vary(0.07, 0.006)
-    approach = hand_pose(
-        person.vary(0.325, 0.01), person.vary(0.21, 0.015), person.vary(0.125, 0.006)
-    )
+    before, outside = person.vary(0.03, 0.01), person.vary(0.20, 0.012)
     roll = person.vary(0.0, 0.06)
     rest = person.sight.thing("lever_grip").position
     person.note = "to the lever"
+
+    def beside(sight: Sight) -> Pose:
+        return level_hand(sight, rest + np.array([-before, outside, hover]), roll)
 
     def above(sight: Sight) -> Pose:
         return level_hand(sight, rest + np.array([ahead, aside, hover]), roll)
@@ -65,7 +75,7 @@ def press_and_push(person: Person, *, first: bool) -> Act:
         person.grip(SIDE, 1.0),
         person.reach(
             SIDE,
-            lambda _: approach,
+            beside,
             speed=person.vary(1.1, 0.15),
             tolerance=0.04,
             through=not stop,
@@ -77,10 +87,11 @@ def press_and_push(person: Person, *, first: bool) -> Act:
     person.note = "pressing the lever"
     pressed = yield from person.push(
         SIDE,
-        lambda sight: in_body(sight, (0.0, 0.0, -1.0)),
-        0.19,
-        speed=person.vary(0.12, 0.02),
+        lambda sight: in_body(sight, DOWN),
+        0.27,
+        speed=person.vary(0.13, 0.02),
         until=lambda sight: sight.joints["door_lever"] > PRESSED,
+        lead=LEAD,
     )
     if not pressed:
         return False
@@ -90,10 +101,10 @@ def press_and_push(person: Person, *, first: bool) -> Act:
     opened = yield from person.push(
         SIDE,
         lambda sight: in_body(sight, (1.0, 0.0, 0.0)),
-        0.2,
+        0.25,
         speed=person.vary(0.15, 0.02),
         until=lambda sight: sight.joints["door_hinge"] > AJAR,
-        lead=0.1,
+        lead=LEAD,
     )
     return opened
 

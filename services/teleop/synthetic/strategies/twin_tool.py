@@ -46,14 +46,14 @@ def pointing(sight: Sight, point: Array, yaw: float) -> Pose:
 def take(person: Person) -> Act:
     """Open hand before the handle, around it, close and lift."""
     before, height = person.vary(0.13, 0.01), person.vary(0.0, 0.006)
-    lift = person.vary(0.12, 0.008)
+    lift, pitch = person.vary(0.12, 0.008), person.vary(0.15, 0.03)
 
     def at(sight: Sight, ahead: float) -> Pose:
-        tool = sight.in_body(sight.thing("tool_grip"))
-        yaw = float(np.clip(tool.yaw, -0.1, 0.35))
+        place = sight.torso.local(sight.thing("tool_grip").position)
+        yaw = easy_yaw(SIDE, float(place[1]))
         along = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        place = tool.position + ahead * along + np.array([0.0, 0.0, height])
-        return Pose(place, hand_pose(0.0, 0.0, 0.0, 0.0, 0.0, yaw).quaternion)
+        place = place + (ahead - 0.01) * along + np.array([0.0, 0.0, height])
+        return Pose(place, hand_pose(0.0, 0.0, 0.0, 0.0, pitch, yaw).quaternion)
 
     person.note = "to the tool"
     yield from person.together(

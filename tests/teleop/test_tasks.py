@@ -1,0 +1,69 @@
+"""Whole tasks: plant, controller and synthetic operator in simulated time."""
+
+from functools import cache
+
+import pytest
+
+from common.schemas import TaskVerdict
+from studies.tasks.__main__ import main, seed_range
+from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
+from studies.tasks.table import line, summary
+
+
+@cache
+def unlocked(seed: int, repeat: int = 0, link: str = "") -> tuple[TrialResult, str]:
+    """One door; ``repeat`` sets repetitions of the same trial apart."""
+    assert repeat >= 0
+    links = {"both": link} if link else {}
+    stack = TaskStack(TrialSpec("door/unlock", seed, links=links, physics_steps=5), record=True)
+    return stack.run(), stack.runner.digest()
+
+
+def test_a_door_is_unlocked() -> None:
+    result, _ = unlocked(0)
+    assert result.verdict == "success", line(result)
+    assert result.stages == ("lever pressed", "door ajar", "door unlocked")
+    assert not result.gave_up
+
+
+def test_same_seed_same_bytes_and_another_seed_differs() -> None:
+    assert unlocked(0)[1] == unlocked(0, 1)[1]
+    other, digest = unlocked(1)
+    assert other.verdict == "success", line(other)
+    assert digest != unlocked(0)[1]
+
+
+def test_with_a_quarter_of_a_second_each_way_it_takes_longer() -> None:
+    late, _ = unlocked(0, link="250ms")
+    assert late.verdict == "success", line(late)
+    assert late.time > unlocked(0)[0].time + 0.5
+
+
+def result(seed: int, verdict: TaskVerdict, time: float) -> TrialResult:
+    name = verdict.name.lower()
+    return TrialResult("door/walk", seed, name, time, f"it was a {name}", "", "", (), 10.0, 5.0)
+
+
+def test_the_table_counts_and_gives_reasons() -> None:
+    table = summary(
+        [
+            result(0, TaskVerdict.SUCCESS, 5.0),
+            result(1, TaskVerdict.SUCCESS, 9.0),
+            result(2, TaskVerdict.FAILURE, 70.0),
+        ]
+    )
+    assert "| door/walk | 3 | 2 | 0 | 1 | 7.0 (5.0 to 9.0) | 2.00 x |" in table
+    assert "1 x door/walk failure: it was a failure" in table
+
+
+def test_seeds_are_one_or_a_range() -> None:
+    assert list(seed_range("3")) == [3]
+    assert list(seed_range("2:5")) == [2, 3, 4]
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "door/unlock", "--seeds", "5:2"])
+    assert stop.value.code == 2
+
+
+def test_a_wrong_link_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "door/unlock", "--link", "comand=1s"]) == 2
+    assert "no topic 'comand'" in capsys.readouterr().err
