@@ -127,9 +127,10 @@ class Journal:
                 self._lost += kind is Take.APPLIED
                 return
             stream = self._streams[key] = len(self._streams)
-        size = 0
-        if self._prologue_left > 0 and times[0] - (self._born_ns or 0) <= _PROLOGUE_NS:
-            size = len(payload)
+        size = len(payload)
+        if size > self._prologue_left or times[0] - (self._born_ns or 0) > _PROLOGUE_NS:
+            size = 0
+        else:
             self._prologue_left -= size
             self._payloads.append(payload)
         sending = (header.captured, header.sent, header.encode)

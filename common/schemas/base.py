@@ -1,8 +1,11 @@
 """The header every message carries and the base class of all messages."""
 
-from typing import ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import BaseModel, ConfigDict, Field
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+"""Fits the signed 64-bit columns of journals and accounts, which the wire's integers may not."""
 
 
 class Header(BaseModel):
@@ -14,20 +17,16 @@ class Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    seq: int = Field(default=0, ge=0, description="Counts this publisher's messages from 0")
-    stamp: int = Field(
-        default=0, ge=0, description="Robot time [ns] of the information in the message"
+    seq: Count = Field(default=0, description="Counts this publisher's messages from 0")
+    stamp: Count = Field(default=0, description="Robot time [ns] of the information in the message")
+    captured: Count = Field(
+        default=0, description="Sender's monotonic clock [ns] when the information came in"
     )
-    captured: int = Field(
-        default=0, ge=0, description="Sender's monotonic clock [ns] when the information came in"
-    )
-    sent: int = Field(default=0, ge=0, description="Sender's monotonic clock [ns] when sent")
-    encode: int = Field(default=0, ge=0, description="Time [ns] spent encoding, before `sent`")
-    boot: int = Field(default=0, ge=0, description="Random id of the sending process's life")
+    sent: Count = Field(default=0, description="Sender's monotonic clock [ns] when sent")
+    encode: Count = Field(default=0, description="Time [ns] spent encoding, before `sent`")
+    boot: Count = Field(default=0, description="Random id of the sending process's life")
     source: str = Field(default="", max_length=64, description="Name of the sending service")
-    injected: int = Field(
-        default=0, ge=0, description="Delay deliberately injected on this link [ns]"
-    )
+    injected: Count = Field(default=0, description="Delay deliberately injected on this link [ns]")
 
 
 class Message(BaseModel):

@@ -209,3 +209,33 @@ def test_tables_that_contradict_themselves_are_refused(damage: dict[str, Any]) -
     damaged = message.model_copy(update=damage)
     with pytest.raises(SchemaError, match=r"contradicts itself|rows of|refer"):
         read_tables(damaged)
+
+
+def test_a_header_beyond_the_columns_is_refused_and_stops_nothing() -> None:
+    reader = Reader()
+    for field in ("seq", "captured", "sent", "encode", "boot"):
+        header = Header().model_copy(update={field: 2**63, "source": "sim"})
+        reader.inbox.offer("plant/state", encode(plant_state(), header), reader.now)
+    reader.offer()
+    reader.step()
+    _, rows = reader.fetch()
+    assert [row["kind"] for row in rows] == [Take.APPLIED]
+    assert reader.inbox.status(PLANT_STATE).refused == 5
+    assert stages(reader)["total"]
+
+
+def test_a_payload_too_long_to_carry_is_not_carried() -> None:
+    reader = Reader()
+    header = Header(seq=1, sent=reader.now, boot=7, source="sim")
+    long = encode(plant_state(), header)
+    # One entry more than the schema has: refused, but its header is readable.
+    long = bytes([long[0] + 1]) + long[1:] + b"\xa1x\xc6" + (33_000_000).to_bytes(4, "big")
+    reader.inbox.offer("plant/state", long + bytes(33_000_000), reader.now)
+    reader.offer(seq=2)
+    reader.step()
+    message, rows = reader.fetch()
+    assert [(row["kind"], row["size"] > 0) for row in rows] == [
+        (Take.REFUSED, False),
+        (Take.APPLIED, True),
+    ]
+    assert len(message.payloads) == rows[1]["size"]
