@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import zenoh
+
 from common.bus.codec import decode
 from common.bus.keys import key_of
 from common.bus.session import tag_of
@@ -145,7 +147,10 @@ class Heartbeats(Aide):
                 continue
             peer = self._peers[source] = _Peer()
             key = key_of(place.robot, HEARTBEAT, source)
-            peer.subscriber = place.session.declare_subscriber(key, _listener(peer))
+            try:
+                peer.subscriber = place.session.declare_subscriber(key, _listener(peer))
+            except zenoh.ZError as error:  # whoever names itself so sends no beats either
+                _log.warning("cannot listen to the heartbeat of %r: %s", source, error)
 
     def _look(self, now_ns: int, stood_still: bool) -> None:
         """Take in the newest beats and find the dead."""

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+import zenoh
 
 from common.bus.codec import encode, schema_tag
 from common.bus.inbox import Inbox
@@ -179,6 +180,25 @@ def test_an_unreadable_beat_is_a_beat(bench: Bench) -> None:
     bench.beat(b"\xc1")
     bench.run(3000)
     assert bench.peer().alive
+
+
+def test_a_name_that_is_no_key_does_not_end_the_loop(bench: Bench) -> None:
+    bench.clocks.offset_of(Header(source="operator #1", boot=6))
+    bench.session.declare_subscriber = refusing(bench.session.declare_subscriber)  # type: ignore[method-assign]
+    bench.run(100)
+    bench.run(200, beats=40)
+    peers = {peer.source: peer.alive for peer in bench.aide.report()["peers"]}
+    assert peers == {"sim": True, "operator #1": False}
+
+
+def refusing(declare: Callable[..., object]) -> Callable[..., object]:
+    """As the transport does, take no key that is none."""
+
+    def checked(key: str, listener: Callable[[Any], None]) -> object:
+        zenoh.KeyExpr(key)
+        return declare(key, listener)
+
+    return checked
 
 
 @pytest.fixture
