@@ -173,7 +173,9 @@ class Clocks(Aide):
         """Somebody new: ask after this step."""
         if source:
             if len(self._peers) >= _MAX_PEERS:
-                del self._peers[next(iter(self._peers))]
+                # Names made up by the dozen must not push out those whose clocks are known.
+                unknown = (key for key, peer in self._peers.items() if peer.offset == UNKNOWN)
+                del self._peers[next(unknown, next(iter(self._peers)))]
             if len(self._newest) >= _MAX_PEERS:
                 del self._newest[next(iter(self._newest))]
             self._peers[source, boot] = self._newest[source] = _Peer(source, 0)
@@ -203,6 +205,8 @@ class Clocks(Aide):
         querier = self._queriers.get(source)
         try:
             if querier is None:
+                if len(self._queriers) >= _MAX_PEERS:
+                    self._queriers.pop(next(iter(self._queriers))).undeclare()
                 querier = self._queriers[source] = place.session.declare_querier(
                     f"{place.robot}/clock/{source}",
                     timeout=_TIMEOUT_S,

@@ -38,6 +38,9 @@ class FakeNetwork:
         assert key == "draco3/clock/sim"
         return self
 
+    def undeclare(self) -> None:
+        return
+
     def get(self, handler: Any) -> None:
         self.asked.append(self.now)
         if not self.answering:
@@ -184,6 +187,35 @@ def test_sources_are_bounded(bench: Bench) -> None:
     assert len(bench.clocks.sources) == 64
     assert bench.clocks.offset_of(Header()) == UNKNOWN
     assert "" not in bench.clocks.sources
+
+
+def test_a_flood_of_names_costs_neither_what_is_known_nor_queriers(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.run(0.5)
+    assert bench.error() <= bench.net.way
+    declared: list[str] = []
+    undeclared: list[int] = []
+
+    class Querier:
+        def get(self, _handler: Any) -> None:
+            return
+
+        def undeclare(self) -> None:
+            undeclared.append(1)
+
+    def declare(key: str, **_options: Any) -> Querier:
+        declared.append(key)
+        return Querier()
+
+    monkeypatch.setattr(bench.net, "declare_querier", declare)
+    for boot in range(1000):
+        bench.clocks.offset_of(Header(source=f"s{boot}", boot=boot))
+        bench.clocks.tend(bench.net.now)
+        bench.net.now += 100 * MS
+    assert len(declared) > 500
+    assert len(declared) - len(undeclared) <= 64
+    assert bench.clocks.offset_of(Header(source="sim", boot=bench.net.boot)) != UNKNOWN
 
 
 def test_one_clock_for_all_processes_of_a_time_namespace() -> None:
