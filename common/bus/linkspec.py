@@ -23,6 +23,8 @@ from common.errors import ConfigError, explain
 
 MAX_DELAY = 60.0
 """Longest delay accepted [s]."""
+_MAX_SPREAD = 1e6
+"""Of log-normal delays: beyond it their mean is made of draws that never come."""
 
 PRESETS: Mapping[str, str] = {"paper": "lognormal(122ms, 190ms) corr=10s"}
 """Specifications with a name.
@@ -75,7 +77,7 @@ class LinkSpec(BaseModel):
     correlation: Delay = Field(
         default=0.0, description="time constant of the jitter [s]; 0: independent draws"
     )
-    seed: int | None = Field(default=None, ge=0, description="None: the runner's")
+    seed: int | None = Field(default=None, ge=0, lt=2**63, description="None: the runner's")
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -102,6 +104,11 @@ class LinkSpec(BaseModel):
             raise ValueError("a trace needs recorded delays, and nothing else takes them")
         if self.distribution is Distribution.LOGNORMAL and self.mean <= 0.0:
             raise ValueError("a log-normal delay needs a mean above 0")
+        if self.distribution is Distribution.LOGNORMAL and self.sd > _MAX_SPREAD * self.mean:
+            raise ValueError(
+                f"a log-normal delay's standard deviation must be at most {_MAX_SPREAD:g} times "
+                "its mean"
+            )
         jitter = self.distribution in {Distribution.NORMAL, Distribution.LOGNORMAL}
         if self.sd > 0.0 and not jitter:
             raise ValueError("a standard deviation needs a normal or log-normal delay")

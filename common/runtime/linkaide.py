@@ -126,7 +126,7 @@ class LinkAide(Aide):
         try:
             payload = query.payload
             request = from_wire(payload.to_bytes() if payload else b"", LinkRequest)
-            reply = self._do(request, place)
+            reply = to_wire(self._do(request, place))
         except LinkControlError as error:
             self._refuse(query, f"{place.service}: {error}")
             return
@@ -136,7 +136,7 @@ class LinkAide(Aide):
             return
         try:
             with query:
-                query.reply(links_key(place.robot, place.service), to_wire(reply))
+                query.reply(links_key(place.robot, place.service), reply)
         except zenoh.ZError as error:
             _log.warning("%s cannot answer about its links: %s", place.service, error)
 

@@ -149,6 +149,7 @@ def test_wire_form_round_trips() -> None:
         (msgpack.packb({"action": "set", "links": {"camera": "soon"}}), "not a duration"),
         (msgpack.packb({"action": "set", "links": {"camera": {"mean": float("nan")}}}), "mean"),
         (msgpack.packb({"action": "set", "links": {"camera": " trace(/etc/passwd)"}}), "file"),
+        (msgpack.packb({"action": "set", "links": {"camera": f"5ms seed={2**64}"}}), "seed"),
         (bytes(MAX_BYTES + 1), "expected at most"),
     ],
 )

@@ -65,6 +65,8 @@ def test_parse(text: str, fields: dict[str, Any]) -> None:
         "250ms loss=x",
         "250ms order=random",
         "250ms seed=-1",
+        "250ms seed=9223372036854775808",
+        "lognormal(1e-200s, 1s)",
         "250ms seed=x",
         "250ms corr=1s",
         "250ms speed=3",

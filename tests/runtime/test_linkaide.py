@@ -1,9 +1,10 @@
 """Links are changed, told and remembered on real processes over the bus."""
 
 import time
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterator
+from typing import Any, Self
 
+import msgpack
 import pytest
 import zenoh
 
@@ -137,23 +138,69 @@ def test_nobody_there_is_said(stack: Watched) -> None:
         everybody(stack.session, stack.config.robot, patience_s=0.3)
 
 
+class FakeSession:
+    """A transport over which nothing comes by itself."""
+
+    def declare_queryable(self, _key: str, receive: Callable[[Any], None], **_: Any) -> Self:
+        self.receive = receive
+        return self
+
+    def get(self, *_: Any, **__: Any) -> None:
+        return
+
+    def undeclare(self) -> None:
+        return
+
+
+class Query:
+    """A request, and what it is answered with."""
+
+    def __init__(self, request: dict[str, Any]) -> None:
+        self.payload = self
+        self.answer: bytes | None = None
+        self.error = ""
+        self._bytes: bytes = msgpack.packb(request)
+
+    def to_bytes(self) -> bytes:
+        return self._bytes
+
+    def reply(self, _key: str, payload: bytes) -> None:
+        self.answer = payload
+
+    def reply_err(self, text: str) -> None:
+        self.error = text
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+
+@pytest.mark.parametrize("spec", [f"5ms seed={2**64}", "lognormal(1e-200s, 1s)"])
+def test_no_request_ends_a_service_now_or_with_the_next_message(spec: str) -> None:
+    inbox = Inbox((PLANT_STATE,), service="wbc")
+    aide, session = LinkAide("wbc", Links()), FakeSession()
+    aide.open(Place(session, "r", "wbc", 1, inbox, lambda *_: None, lambda _: False))
+    for text, works in ((spec, False), ("lognormal(1ns, 1ms)", True)):
+        query = Query({"action": "set", "links": {"plant/state": text}})
+        session.receive(query)
+        aide.tend(1)
+        assert (query.answer is not None, query.error == "") == (works, works)
+        inbox.offer("plant/state", b"", 1)
+        inbox.begin_step(2)
+    aide.close()
+
+
 def test_links_from_the_start_are_told_until_someone_listens() -> None:
     told: list[Message] = []
     listening = False
     inbox = Inbox((PLANT_STATE,), service="wbc")
     aide = LinkAide("wbc", Links.from_table({"plant/state": "5ms"}))
 
-    class Session:
-        def declare_queryable(self, *_: Any, **__: Any) -> "Session":
-            return self
-
-        def get(self, *_: Any, **__: Any) -> None:
-            return
-
-        def undeclare(self) -> None:
-            return
-
-    place = Place(Session(), "r", "wbc", 1, inbox, lambda _, m: told.append(m), lambda _: listening)
+    place = Place(
+        FakeSession(), "r", "wbc", 1, inbox, lambda _, m: told.append(m), lambda _: listening
+    )
     aide.open(place)
     now = time.monotonic_ns()
     for tenth in range(20):
