@@ -43,6 +43,14 @@ class Raw(NamedTuple):
     injected_ns: int = 0
 
 
+def _oldest(queue: deque[Raw]) -> Raw | None:
+    """Take out the oldest; None if the other thread took the last just now."""
+    try:
+        return queue.popleft()
+    except IndexError:
+        return None
+
+
 def _same_clock(_header: Header) -> int:
     return 0
 
@@ -133,12 +141,7 @@ class Slot:
         """Append a payload, letting the oldest go when too many wait (any one thread)."""
         raw = self._raw
         if len(raw) >= self._backlog:
-            try:
-                raw.popleft()
-            except IndexError:  # the reader took them all just now
-                pass
-            else:
-                self.skipped += 1
+            self.skipped += _oldest(raw) is not None
         raw.append(Raw(arrival_ns, payload, tag))
         if self.line is None:
             self.last_put_ns = arrival_ns
@@ -148,8 +151,11 @@ class Slot:
         line, raw = self.line, self._raw
         if line is None:
             return False
-        while raw:
-            item = raw.popleft()
+        # As many as wait now: more may come faster than they are taken.
+        for _ in range(len(raw)):
+            item = _oldest(raw)
+            if item is None:
+                break
             stamp = None
             if line.by_time and (head := wire_header(item.payload)) is not None:
                 stamp = head.stamp or None
@@ -165,9 +171,14 @@ class Slot:
         return True
 
     def take(self) -> bool:
-        """Decode everything that is ready; whether something became visible."""
-        while self.ready:
-            raw = self.ready.popleft()
+        """Decode everything that is ready now; whether something became visible.
+
+        What comes meanwhile is left for the next step, lest a flood keep this one from ending.
+        """
+        for _ in range(len(self.ready)):
+            raw = _oldest(self.ready)
+            if raw is None:
+                break
             self.received += 1
             self.arrival_ns = raw.arrival_ns
             self._arrivals.append(raw.arrival_ns)

@@ -7,8 +7,9 @@ import pytest
 
 from common.bus.codec import encode, schema_tag
 from common.bus.inbox import Inbox
+from common.bus.journal import Journal
 from common.bus.links import Links
-from common.bus.slot import EVENT_BACKLOG, LATEST_BACKLOG
+from common.bus.slot import EVENT_BACKLOG, LATEST_BACKLOG, SlotTools
 from common.errors import TrillError
 from common.schemas import Estop, Gait, GaitRequest, Header, PlantState
 from common.topics import ESTOP, HEALTH, PLANT_STATE, TELEOP_GAIT, WBC_COMMAND, Topic
@@ -305,3 +306,22 @@ def test_estop_passes_whatever_else_arrives() -> None:
     inbox.offer("estop", encode(Estop(reason="stop"), Header(source="teleop")), 1000)
     inbox.begin_step(1000)
     assert [event.reason for event in inbox.events(ESTOP)] == ["stop"]
+
+
+def test_a_flood_does_not_keep_a_step_from_ending() -> None:
+    came = 0
+
+    def clock() -> int:
+        """While one message is decoded, the next arrives."""
+        nonlocal came
+        came += 1
+        if came < 1000:
+            inbox.offer("plant/state", state(came), came)
+        return came
+
+    inbox = Inbox(TOPICS, tools=SlotTools(clock=clock, journal=Journal("wbc")))
+    inbox.offer("plant/state", state(0), 0)
+    inbox.begin_step(1)
+    assert inbox.status(PLANT_STATE).received == 1
+    inbox.begin_step(2)
+    assert seq(inbox) > 0
