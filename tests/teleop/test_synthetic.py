@@ -148,10 +148,10 @@ def test_a_late_picture_makes_it_wait_but_not_miss() -> None:
     assert not all(moving)
 
 
-def plant_state(resets: int = 0, stamp: int = 1_000_000_000) -> PlantState:
+def plant_state(resets: int = 0, stamp: int = 1_000_000_000, height: float = 0.8) -> PlantState:
     return PlantState(
         header=Header(stamp=stamp),
-        base_position=np.array([0.0, 0.0, 0.8]),
+        base_position=np.array([0.0, 0.0, height]),
         base_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
         base_linear_velocity=np.zeros(3),
         base_angular_velocity=np.zeros(3),
@@ -197,6 +197,32 @@ def test_what_it_does_not_see_it_says() -> None:
     assert "expected to see 'goal'" in service.failure
     bench.run(3.0)
     assert service.exit_code == 1
+
+
+def test_it_gives_up_when_the_robot_lies_down() -> None:
+    bench = WalkBench(operator())
+    service = bench.service
+    assert isinstance(service, SyntheticOperator)
+    service._strategy = lambda person: person.pause(60.0)
+    bench.show()
+    bench.run(1.0)
+    assert not service.failure
+    bench.inputs.put(PLANT_STATE, plant_state(stamp=bench.now_ns, height=0.2))
+    bench.run(3.0)
+    assert service.failure == "the robot has fallen"
+    assert service.exit_code == 1
+
+
+@pytest.mark.parametrize("stay", [False, True])
+def test_after_the_task_it_ends_well_or_stays(stay: bool) -> None:
+    bench = WalkBench(operator(stay=stay))
+    service = bench.service
+    assert isinstance(service, SyntheticOperator)
+    service._strategy = lambda person: person.pause(1.0)
+    bench.show()
+    bench.run(5.0)
+    assert service.finished
+    assert service.exit_code == (None if stay else 0)
 
 
 def test_a_reset_starts_a_new_trial() -> None:

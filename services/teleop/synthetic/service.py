@@ -22,7 +22,7 @@ from common.topics import (
 )
 from services.teleop.errors import TeleopError
 from services.teleop.ingress import Ingress, IngressConfig
-from services.teleop.synthetic.person import Act, Person
+from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Eyes, Sight
 from services.teleop.synthetic.strategies import find_strategy
 from services.teleop.synthetic.traits import TRAITS, OperatorTraits
@@ -33,6 +33,8 @@ PERIOD_NS = 50_000_000
 """Device samples and set-points at 20 Hz."""
 LONGEST_STEP = 0.1
 STATUS_PERIOD = 0.2
+FALLEN_HEIGHT = 0.5
+"""A torso seen lower than this has fallen [m]."""
 _STREAM = 0x5E17
 """Sets the operator's random numbers apart from those of the plant."""
 
@@ -148,11 +150,13 @@ class SyntheticOperator(Service):
             if self._over_for >= self.config.linger and not self.config.stay:
                 self.exit_code = 1 if self.failure else 0
         elif self._plan is not None:
-            self._go_on(self._plan)
+            self._go_on(self._plan, sight)
         person.advance(dt)
 
-    def _go_on(self, plan: Act) -> None:
+    def _go_on(self, plan: Act, sight: Sight) -> None:
         try:
+            if float(sight.torso.position[2]) < FALLEN_HEIGHT:
+                raise StrategyError("the robot has fallen")
             next(plan)
         except StopIteration:
             self._over_for = 0.0
