@@ -209,7 +209,7 @@ def test_it_gives_up_when_the_robot_lies_down() -> None:
     assert not service.failure
     bench.inputs.put(PLANT_STATE, plant_state(stamp=bench.now_ns, height=0.2))
     bench.run(3.0)
-    assert service.failure == "the robot has fallen"
+    assert "has fallen" in service.failure
     assert service.exit_code == 1
 
 
