@@ -19,6 +19,7 @@ import json
 from collections import deque
 from collections.abc import Mapping
 from enum import IntEnum
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -179,7 +180,10 @@ class Journal:
     def stages(self, topic: str, since_ns: int) -> list[StageTime]:
         """Median and p99 of each stage for messages used since a time; empty without any."""
         rows = [row for row in self._windows.get(topic, ()) if row[-2] >= since_ns]
-        return stage_times(np.array(rows, np.int64)) if rows else []
+        if not rows:
+            return []
+        flat = np.fromiter(chain.from_iterable(rows), np.int64, len(rows) * len(rows[0]))
+        return stage_times(flat.reshape(len(rows), -1))
 
     def _forget(self) -> None:
         self._first_step += len(self._steps)

@@ -7,7 +7,7 @@ import statistics
 import pytest
 
 from common.bus.delay import DelayLine, DelayStats, Released
-from common.bus.linkspec import LinkSpec
+from common.bus.linkspec import Distribution, LinkSpec
 
 MS = 1_000_000
 
@@ -229,3 +229,14 @@ def test_adopted_messages_keep_their_times_and_stay_in_front() -> None:
     assert new.pop(109 * MS) == [Released(100 * MS, 100 * MS, "a")]
     assert [item for _, _, item in new.pop(110 * MS)] == ["b", "c"]
     assert (new.stats().pushed, new.stats().released) == (1, 1)
+
+
+def test_achieved_p99_is_of_the_last_ten_thousand() -> None:
+    count = 12_345
+    delays = tuple(1e-6 * (count - number) for number in range(count))
+    line: DelayLine[int] = DelayLine(LinkSpec(distribution=Distribution.TRACE, trace=delays))
+    for number in range(count):
+        line.push(number, number * 20 * MS)
+        line.pop(number * 20 * MS + 19 * MS)
+    # Of 10 000, 9999, ..., 1 us.
+    assert line.stats().achieved_p99 == pytest.approx(9.9e-3)
