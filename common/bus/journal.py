@@ -49,7 +49,6 @@ Table = npt.NDArray[np.int64]
 
 _PROLOGUE_NS = 5_000_000_000
 _PROLOGUE_BYTES = 8_000_000
-_KEPT_STEPS = 20_000
 _KEPT_TAKES = 40_000
 _MAX_STREAMS = 64
 _MAX_SETTINGS = 1_000_000
@@ -71,8 +70,8 @@ class Take(IntEnum):
 class Journal:
     """Collects rows; belongs to the service's thread.
 
-    Rows that nobody fetches are given up from the oldest once there are too many, except that the
-    first of a life are kept: without them nothing after them can be replayed.
+    Whoever has one fetches the rows a few times a second, wanted or not; of more than
+    :data:`_KEPT_TAKES` between two fetches the newest are given up and counted.
     """
 
     def __init__(self, service: str, settings: Mapping[str, Any] | None = None) -> None:
@@ -90,8 +89,6 @@ class Journal:
         self._born_ns: int | None = None
         self._windows: dict[str, deque[tuple[int, ...]]] = {}
         self._open: list[tuple[str, tuple[int, ...]]] = []
-        self.full = False
-        """Whether rows were given up because nobody fetched them."""
 
     def begin(self, now_ns: int) -> None:
         """A step begins at ``now_ns``."""
@@ -169,13 +166,6 @@ class Journal:
         )
         self._forget()
         return message
-
-    def trim(self) -> None:
-        """Give up what nobody fetched, if it is too much to keep."""
-        if len(self._steps) > _KEPT_STEPS or len(self._takes) >= _KEPT_TAKES:
-            self.full = True
-            self._prologue_left = 0
-            self._forget()
 
     def stages(self, topic: str, since_ns: int) -> list[StageTime]:
         """Median and p99 of each stage for messages used since a time; empty without any."""

@@ -1,18 +1,30 @@
 """Publishes the journal of a live service."""
 
+from collections import deque
+
 from common.bus.journal import Journal
 from common.runtime.aides import Aide, Place
+from common.schemas import StepJournal
 from common.topics import JOURNAL
 
 PERIOD_NS = 250_000_000
 """Between journal messages [ns]."""
+_KEPT = 240
+"""Messages kept that nobody has heard: a minute. More would make collecting garbage slower."""
+_KEPT_BYTES = 16_000_000
+"""Likewise."""
+_AT_ONCE_BYTES = 200_000
+_AT_ONCE = 8
+"""Messages of a backlog sent between two steps, unless these bytes are reached before."""
 
 
 class Journaling(Aide):
     """Sends what a service took in, a few times a second, as long as somebody listens.
 
     Until then it is kept, so that a logger which connects a little later has a service's life
-    from its first step.
+    from its first step; too much is given up from the oldest. It is kept and later sent in the
+    small messages it would have been sent in: minutes in one piece would stop the loop for tenths
+    of a second.
     """
 
     writes = (JOURNAL,)
@@ -22,6 +34,8 @@ class Journaling(Aide):
         self._journal = journal
         self._place: Place | None = None
         self._due = 0
+        self._waiting: deque[StepJournal] = deque()
+        self._waiting_bytes = 0
 
     def open(self, place: Place) -> None:
         """Remember where to send."""
@@ -31,19 +45,32 @@ class Journaling(Aide):
         """Send what there is, if it is time."""
         if now_ns >= self._due:
             self._due = now_ns + PERIOD_NS
-            self._send()
+            self._collect()
+            if self._place is not None and self._place.wanted(JOURNAL):
+                self._send(self._place, _AT_ONCE, _AT_ONCE_BYTES)
 
     def close(self) -> None:
         """Send the rest."""
-        self._send()
+        self._collect()
+        if self._place is not None and self._place.wanted(JOURNAL):
+            self._send(self._place, len(self._waiting), self._waiting_bytes)
 
-    def _send(self) -> None:
-        place = self._place
-        if place is None:
-            return
-        if not place.wanted(JOURNAL):
-            self._journal.trim()
-            return
+    def _collect(self) -> None:
+        """Put what was taken in since the last time with what waits."""
         message = self._journal.fetch()
         if message is not None:
+            self._waiting.append(message)
+            self._waiting_bytes += _size(message)
+        while len(self._waiting) > _KEPT or self._waiting_bytes > _KEPT_BYTES:
+            self._waiting_bytes -= _size(self._waiting.popleft())
+
+    def _send(self, place: Place, count: int, size: int) -> None:
+        while self._waiting and count > 0 and size >= 0:
+            message = self._waiting.popleft()
+            self._waiting_bytes -= _size(message)
+            count, size = count - 1, size - _size(message)
             place.send(JOURNAL, message)
+
+
+def _size(message: StepJournal) -> int:
+    return len(message.steps) + len(message.takes) + len(message.payloads)

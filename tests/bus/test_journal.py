@@ -176,21 +176,6 @@ def test_only_the_last_seconds_count_in_health() -> None:
     assert stages(reader)["wire"] == pytest.approx((3.0, 3.0))
 
 
-def test_the_first_of_a_life_is_kept_and_the_rest_trimmed() -> None:
-    reader = Reader()
-    reader.offer()
-    for _ in range(20_001):
-        reader.inbox.begin_step(reader.now)
-        reader.journal.end(reader.now)
-    assert not reader.journal.full
-    reader.journal.trim()
-    assert reader.journal.full
-    assert reader.journal.fetch() is None
-    reader.step()
-    message, _ = reader.fetch()
-    assert message.first_step == 20_001
-
-
 @pytest.mark.parametrize(
     "damage",
     [
@@ -239,3 +224,15 @@ def test_a_payload_too_long_to_carry_is_not_carried() -> None:
         (Take.APPLIED, True),
     ]
     assert len(message.payloads) == rows[1]["size"]
+
+
+def test_too_many_messages_between_two_fetches_are_counted() -> None:
+    journal = Journal("wbc")
+    journal.begin(1)
+    for seq in range(40_010):
+        header = Header(seq=seq, source="sim", boot=7)
+        journal.take("plant/state", Take.APPLIED, header, b"", (1, 0, 0, 0))
+    journal.end(2)
+    message = journal.fetch()
+    assert message is not None
+    assert (message.lost, len(read_tables(message)[1])) == (10, 40_000)
