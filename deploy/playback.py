@@ -125,13 +125,19 @@ class Player:
 
         Yields often enough, also while nothing is due, that whoever drives it can do other things.
         """
-        began = time.monotonic()
+        began = looked = time.monotonic()
         first, last = self._options.window
         for entry in LogReader(self._path).entries():
             place = 1e-9 * (entry.log_time - self._extent.start_ns)
             if place > last:
                 break
-            if place < first or not self._chosen(entry):
+            if time.monotonic() - looked > _LONGEST_SLEEP:
+                looked = time.monotonic()
+                yield max(first, place)
+            if place < first:
+                began = time.monotonic()  # the way to the window is not lateness
+                continue
+            if not self._chosen(entry):
                 continue
             due = began + (place - first) / self._options.speed
             while (wait := due - time.monotonic()) > 0.0:

@@ -22,8 +22,9 @@ from common.schemas import Header, Message
 from common.topics import PLANT_STATE, TELEOP_GAIT, Topic
 from deploy.cli import main
 from deploy.errors import DeployError
-from deploy.playback import PlayOptions, extent_of, play
+from deploy.playback import Extent, Player, PlayOptions, extent_of, play
 from services.logger.config import LoggerConfig
+from services.logger.reader import Entry, LogReader
 from services.logger.sink import McapSink
 from tests.bus.support import free_base_port, plant_state
 from tests.runtime.toys import gait_request
@@ -108,6 +109,43 @@ def test_a_window_some_topics_faster(
     assert [each.arrival_ns for each in got] == sorted(each.arrival_ns for each in got)
     assert {each.key for each in got} == {"draco3-replay/teleop/gait"}
     assert len(got) == 2
+
+
+def test_the_way_to_the_window_is_not_made_up_for(
+    log: tuple[Path, list[RawSample]], port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, _ = log
+
+    class Wall:
+        """A clock that reading an entry before the window moves by 50 ms."""
+
+        now = 0.0
+
+        def monotonic(self) -> float:
+            return self.now
+
+        def sleep(self, seconds: float) -> None:
+            self.now += seconds
+
+    wall, sent = Wall(), list[tuple[float, int]]()
+    entries = LogReader(path).entries()
+
+    def slowly(_reader: LogReader) -> Iterator[Entry]:
+        for entry in entries:
+            wall.now += 0.05 if entry.log_time < 10**9 + 500 * MS else 0.0
+            yield entry
+
+    monkeypatch.setattr("deploy.playback.time", wall)
+    monkeypatch.setattr("deploy.playback.LogReader.entries", slowly)
+    player = Player(None, path, Extent("draco3", 10**9, 2 * 10**9), options(port, window=(0.5, 9)))
+    monkeypatch.setattr(player, "_publish", lambda e: sent.append((wall.now, e.log_time)))
+    looks = len([place for place in player.play() if place == 0.5])
+    assert looks >= 5
+    (begun, first), *_ = sent
+    assert begun > 1.0
+    assert player.late == 0
+    for at, log_time in sent:
+        assert at - begun == pytest.approx(1e-9 * (log_time - first), abs=1e-3)
 
 
 @pytest.mark.parametrize("later", [False, True])
