@@ -74,6 +74,7 @@ class Recorder:
         self._episode_key = key_of(robot, EPISODE, "")
         self._tally = Tally()
         self._described: Mapping[str, Description] | None = None
+        self._known: Mapping[str, Description] = {}
         self._began = time.monotonic()
         self._releasing: list[threading.Thread] = []
         self._stop = threading.Event()
@@ -133,11 +134,18 @@ class Recorder:
         except LoggerError as error:
             self._error = error
             self._sink.abandon()
+        except Exception as error:  # noqa: BLE001 - a recorder that stops must not do so in silence
+            _log.exception("recording failed")
+            self._error = LoggerError(
+                f"recording {self._sink.path} failed: {type(error).__name__}: {error}; what was "
+                "flushed before stays readable"
+            )
+            self._sink.abandon()
 
     def _drain(self) -> None:
         if self._described is not None:
-            described, self._described = self._described, None
-            self._sink.describe(described)
+            self._known, self._described = self._described, None
+            self._sink.describe(self._known)
         for sample in self.intake.take():
             self._record(sample)
             if self._next_sink is not None and self._is_full():
@@ -180,6 +188,7 @@ class Recorder:
         old = self._sink
         self._finish()
         self._sink = next_sink()
+        self._sink.describe(self._known)
         self._began = time.monotonic()
         self._sink.note(CARRIED_METADATA, carried(self._tally, self.episodes))
         self._sink.flush()

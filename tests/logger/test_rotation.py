@@ -5,8 +5,10 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
+from common.bus.describe import Description
 from common.bus.tap import RawSample
 from services.logger.config import LoggerConfig
+from services.logger.errors import LoggerError
 from services.logger.index import read_index
 from services.logger.info import read_info
 from services.logger.parts import existing_parts, next_part
@@ -128,3 +130,45 @@ def test_a_recording_that_goes_on_after_a_crash_interrupts_the_episode(tmp_path:
         sink.abandon()
     (episode,) = read_info(path).episodes
     assert (episode.outcome, episode.end_ns) == ("interrupted", 1500)
+
+
+def test_every_part_has_the_schema_a_sender_told_once(tmp_path: Path) -> None:
+    key, tag = "draco3/experiment/one", "private/1"
+    path = tmp_path / "log.mcap"
+
+    config = LoggerConfig(rotate_size=100_000, chunk_size=20_000)
+
+    def new_part() -> McapSink:
+        return McapSink(next_part(path), "draco3", config)
+
+    recorder = Recorder(new_part(), config, next_sink=new_part)
+    recorder.describe({key: Description(tag=tag, jsonschema='{"type": "object"}')})
+    for number in range(100):
+        recorder.intake.offer(RawSample(key, picture(number).payload, tag, number + 1))
+    recorder.start()
+    recorder.stop()
+    parts = existing_parts(path)
+    assert len(parts) > 3
+    for part in parts:
+        with part.open("rb") as stream:
+            schemas = {
+                schema.name for schema, _, _ in make_reader(stream).iter_messages() if schema
+            }
+        assert schemas == {"private/1"}, part
+
+
+def test_a_recorder_that_fails_unexpectedly_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = Recorder(McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig()), LoggerConfig())
+
+    def fail(*_: object) -> None:
+        raise ValueError("no such luck")
+
+    monkeypatch.setattr(recorder.episodes, "observe", fail)
+    recorder.intake.offer(gait(0))
+    recorder.intake.offer(mark(0, 0, START, 1100))
+    recorder.start()
+    with pytest.raises(LoggerError, match=r"log.mcap failed: ValueError: no such luck"):
+        recorder.stop()
+    assert recorder.error is not None
