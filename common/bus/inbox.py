@@ -264,8 +264,13 @@ class Inbox:
 
     def link_of(self, topic_name: str) -> str:
         """What is injected in front of an input, in words; empty: nothing."""
+        spec = self.spec_of(topic_name)
+        return "" if spec == LinkSpec() else str(spec)
+
+    def spec_of(self, topic_name: str) -> LinkSpec:
+        """What is injected in front of an input; all zero: nothing."""
         line = self._slots[topic_name].line
-        return "" if line is None or line.spec == LinkSpec() else str(line.spec)
+        return LinkSpec() if line is None else line.spec
 
     @property
     def stale(self) -> int:

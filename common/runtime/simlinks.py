@@ -69,8 +69,8 @@ class SimLinks:
         """Put what the table says on an input, if it is not there yet."""
         spec = table.of(topic)
         previous = inbox.link_of(topic)
-        wanted = "" if spec is None or spec == LinkSpec() else str(spec)
-        if wanted == previous:
+        # Not in words: in these, two traces of one length are alike.
+        if (spec or LinkSpec()) == inbox.spec_of(topic):
             return []
         inbox.set_link(topic, spec)
         return [_change(service, topic, inbox.link_of(topic), previous, reason)]

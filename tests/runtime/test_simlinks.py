@@ -3,6 +3,7 @@
 import pytest
 
 from common.bus.codec import decode
+from common.bus.linkspec import Distribution, LinkSpec
 from common.errors import ConfigError, TrillError
 from common.runtime.simtime import SimTimeRunner
 from common.schemas import LinkChange
@@ -90,3 +91,15 @@ def test_wrong_calls_are_refused_and_change_nothing() -> None:
         runner.set_link("plant/state", "soon")
     runner.run_for(0.1)
     assert changes(runner) == []
+
+
+def test_another_trace_of_the_same_length_is_another_link() -> None:
+    controller = ToyController()
+    runner = SimTimeRunner([ToyPlant(), controller])
+    for trace in ((0.02, 0.02), (0.05, 0.05)):
+        spec = LinkSpec(distribution=Distribution.TRACE, trace=trace)
+        assert len(runner.set_link("plant/state", spec)) == 1
+        assert runner.set_link("plant/state", spec) == []
+        controller.seen.clear()
+        runner.run_for(0.5)
+        assert controller.seen[-1][2] == round(1e9 * trace[0])
