@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
+from deploy import collect_cli, latency_cli, ledger_cli, logs_cli, replay_cli, tasks_cli
 from deploy import export_cli as ex
-from deploy import latency_cli, ledger_cli, logs_cli, replay_cli, tasks_cli
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import LOG_FILE, RUNS, SystemOptions, bus_of
@@ -277,6 +277,7 @@ COMMANDS = (
     _Command(*ledger_cli.ENTRY),
     _Command(*latency_cli.ENTRY),
     _Command(*tasks_cli.ENTRY),
+    _Command(*collect_cli.ENTRY),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
     ),

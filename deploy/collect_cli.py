@@ -1,0 +1,211 @@
+"""The subcommand ``trill collect``: demonstrations by the hundred from the synthetic operator."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+from time import monotonic
+from typing import TYPE_CHECKING, Any
+
+from common.bus.links import parse_link_options
+from common.errors import ConfigError
+
+if TYPE_CHECKING:
+    from studies.collect.crew import Crew
+    from studies.collect.recipe import Recipe
+
+DATASETS = Path("runs/datasets")
+TEXT = """Collect demonstrations of a task: the synthetic operator does it again and again in
+simulated time, each trial with a seed of its own, until there are as many successes as asked for.
+Each becomes one HDF5 file of 20 Hz frames: both eyes, the poses of feet and hands, the controller's
+state, the joints; hands, grippers, gait and neck as the operator set them; the robot time of each
+and how old it was. Names, units and frames are in the file.
+
+A run can be ended or killed at any moment; the same command goes on where it was. The set of
+episodes, to the byte, depends on neither that nor --jobs. A trial that fails is counted with its
+reason and, unless --keep-failures is given, not kept.
+
+Exit code: 0 all there, 1 not (too few successes, no data set), 2 wrong options, 130 Ctrl-C."""
+EXAMPLES = f"""examples:
+  trill collect door/unlock --episodes 250 --jobs 2
+  trill collect door/unlock --episodes 500 --jobs 2            250 more into the same data set
+  trill collect door/unlock --link both=250ms --out {DATASETS}/late
+  trill collect door/unlock --no-images --keep-failures --out {DATASETS}/states
+  trill collect door/unlock --ray auto                         on a Ray cluster
+  trill collect --info {DATASETS}/door-unlock
+  trill collect --info {DATASETS}/door-unlock --sheet episode.png --episode 3
+  trill collect --reindex {DATASETS}/door-unlock               index.jsonl anew from the files
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``trill collect``."""
+    parser.add_argument("task", nargs="?", help="which task, see: trill tasks")
+    parser.add_argument("--episodes", type=_positive, default=10, help="successes in all (10)")
+    parser.add_argument("--jobs", type=_positive, help="trials at a time (1; Ray: its processors)")
+    parser.add_argument("--out", type=Path, help=f"the data set ({DATASETS}/<task>)")
+    parser.add_argument("--seed", type=int, default=0, help="of the first trial, then upwards (0)")
+    parser.add_argument(
+        "--max-trials", type=_positive, help="give up after so many (20 + 4 x --episodes)"
+    )
+    parser.add_argument("--ray", metavar="ADDRESS", help="auto, HOST:PORT or ray://HOST:PORT")
+    made = parser.add_argument_group("what an episode is made from")
+    made.add_argument("--traits", default="practised", help="of the operator: practised, steady")
+    made.add_argument(
+        "--link", action="append", default=[], metavar="NAME=SPEC", help="as both=250ms"
+    )
+    made.add_argument("--torque-mode", default="relaxed", help="relaxed (standard) or rated")
+    made.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
+    made.add_argument("--raw-hands", action="store_true", help="no interpolation of the hands")
+    made.add_argument(
+        "--physics-steps",
+        type=int,
+        default=1,
+        help="per step of the plant, 1 or 5; 5 is faster (1)",
+    )
+    made.add_argument("--keep-failures", action="store_true", help="keep what is no success, too")
+    eyes = parser.add_argument_group("pictures")
+    eyes.add_argument("--width", type=int, default=400, help="pixels (400)")
+    eyes.add_argument("--height", type=int, default=300, help="pixels (300)")
+    eyes.add_argument("--quality", type=int, default=90, help="of JPEG, 1 to 100 (90)")
+    eyes.add_argument("--no-images", action="store_true", help="none; about a third faster")
+    look = parser.add_argument_group("look at a data set")
+    look.add_argument("--info", type=Path, metavar="DIR", help="tasks, successes, durations")
+    look.add_argument("--sheet", type=Path, metavar="FILE.png", help="picture of an episode")
+    look.add_argument("--episode", type=int, metavar="SEED", help="of which (the first)")
+    look.add_argument("--reindex", type=Path, metavar="DIR", help="rebuild index.jsonl")
+
+
+def _positive(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number from 1 up, got {text!r}")
+    return int(text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what was asked for; 0, 1, or an exception of this project."""
+    _check_installed()
+    asked = [arguments.task, arguments.info, arguments.reindex]
+    if sum(value is not None for value in asked) != 1:
+        raise ConfigError("expected a task, --info DIR or --reindex DIR; see trill collect --help")
+    if arguments.info is None and (arguments.sheet or arguments.episode is not None):
+        raise ConfigError("--sheet and --episode go with --info DIR")
+    if arguments.info is not None:
+        return _info(arguments)
+    if arguments.reindex is not None:
+        return _reindex(arguments.reindex)
+    return _collect(arguments)
+
+
+def _check_installed() -> None:
+    try:
+        import h5py
+        import mujoco
+        import pinocchio
+    except ImportError as error:
+        raise ConfigError(
+            f"trill collect needs the package {error.name}: pip install 'trill[collect]'"
+        ) from error
+    del h5py, mujoco, pinocchio
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from studies.collect.info import show, write_sheet
+
+    console = Console()
+    show(arguments.info, console)
+    if arguments.sheet is not None:
+        seed = write_sheet(arguments.info, arguments.episode, arguments.sheet)
+        console.print(f"{arguments.sheet}: the episode with seed {seed}", markup=False)
+    return 0
+
+
+def _reindex(root: Path) -> int:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from studies.collect.store import Store
+
+    store, console = Store(root), Console()
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("reading the files", total=len(store.files()))
+        lines = store.scan(lambda: progress.advance(bar))
+    store.write_index(lines)
+    console.print(f"{root}: {len(lines)} trials in the index", markup=False)
+    return 0
+
+
+def _recipe(arguments: argparse.Namespace) -> "Recipe":
+    from services.teleop.synthetic.traits import TRAITS
+    from studies.collect.recipe import Recipe
+
+    if arguments.traits not in TRAITS:
+        raise ConfigError(f"--traits: expected {' or '.join(TRAITS)}, got {arguments.traits!r}")
+    values: dict[str, Any] = {
+        name: getattr(arguments, name)
+        for name in ("task", "torque_mode", "pace", "raw_hands", "physics_steps", "keep_failures")
+    }
+    values["traits"] = TRAITS[arguments.traits]
+    values["links"] = parse_link_options(arguments.link)
+    eyes = {name: getattr(arguments, name) for name in ("width", "height", "quality")}
+    return Recipe.checked(values | {"eyes": None if arguments.no_images else eyes})
+
+
+def _crew(arguments: argparse.Namespace, recipe: "Recipe") -> "Crew":
+    from studies.collect.crew import LocalCrew, RayCrew
+
+    if arguments.ray:
+        return RayCrew(recipe, arguments.ray, arguments.jobs)
+    return LocalCrew(recipe, arguments.jobs or 1)
+
+
+def _collect(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    from studies.collect.collect import collect
+    from studies.collect.progress import Display, closing
+    from studies.collect.store import Store
+
+    if arguments.seed < 0:
+        raise ConfigError(f"--seed: expected 0 or more, got {arguments.seed}")
+    recipe = _recipe(arguments)
+    root = arguments.out or DATASETS / recipe.task.replace("/", "-")
+    console, began = Console(stderr=True), monotonic()
+    try:
+        with Display(console) as display:
+            standing = collect(
+                recipe,
+                Store(root),
+                lambda: _crew(arguments, recipe),
+                wanted=arguments.episodes,
+                first_seed=arguments.seed,
+                max_trials=arguments.max_trials or 20 + 4 * arguments.episodes,
+                tell=display.tell,
+            )
+    except KeyboardInterrupt:
+        text = f"\nended; what is done is in {root}: the same command goes on from there"
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        raise
+    text = closing(standing, monotonic() - began)
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    print(root)
+    return 0 if standing.complete else 1
+
+
+Entry = tuple[
+    str,
+    str,
+    str,
+    str,
+    Callable[[argparse.ArgumentParser], None],
+    Callable[[argparse.Namespace], int],
+]
+ENTRY: Entry = (
+    "collect",
+    "demonstrations of a task by the hundred",
+    TEXT,
+    EXAMPLES,
+    add_arguments,
+    run,
+)

@@ -1,0 +1,126 @@
+"""THE table of an episode's arrays: path, width, unit, frame, names; file and info derive from it.
+
+Body frame is ``torso_link`` (x forward, y left, z up). Quaternions are (w, x, y, z), each with the
+sign that is nearer to the frame's usual orientation, so that they do not jump.
+"""
+
+from dataclasses import dataclass, field
+
+from common.robot.frames import BODY_FRAME
+from common.robot.joints import JOINT_NAMES
+
+EYES = ("left", "right")
+SIDES = ("left", "right")
+_POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One array of an episode; its first axis are the frames.
+
+    Attributes:
+        path: in the file.
+        names: of the second axis; empty: one number a frame.
+        unit: of the numbers.
+        doc: what they are.
+        frame: coordinates they are given in.
+        dtype: as numpy's names.
+        varies: the width depends on the scene; ``names`` is empty then.
+    """
+
+    path: str
+    unit: str
+    doc: str
+    names: tuple[str, ...] = ()
+    frame: str = ""
+    dtype: str = "<f8"
+    varies: bool = False
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Of one frame; meaningless if it varies."""
+        return (len(self.names),) if self.names else ()
+
+
+def _poses(*things: str) -> tuple[str, ...]:
+    return tuple(f"{thing}.{part}" for thing in things for part in _POSE)
+
+
+def _joints(prefix: str) -> tuple[str, ...]:
+    return tuple(f"{prefix}{name}" for name in JOINT_NAMES)
+
+
+def _ns(path: str, doc: str) -> Column:
+    return Column(path, "ns", doc, dtype="<i8")
+
+
+_METRES = "m; quaternion (w, x, y, z)"
+
+COLUMNS: tuple[Column, ...] = (
+    _ns("time/robot_ns", "robot time of the frame: when the action was given"),
+    _ns("time/state_ns", "robot time at which the joints were measured"),
+    _ns("time/controller_ns", "robot time of the state the controller's state belongs to"),
+    _ns("time/truth_ns", "robot time of pictures and truth"),
+    _ns("time/seen_ns", "robot time of what the operator acted on; older over a delayed link"),
+    Column("age/state", "s", "age of the measured joints in this frame"),
+    Column("age/controller", "s", "age of the controller's state in this frame"),
+    Column("age/truth", "s", "age of the pictures in this frame"),
+    Column("age/seen", "s", "age of what the operator acted on"),
+    Column(
+        "observation/poses",
+        _METRES,
+        "feet (sole centres) and hands (between the finger pads), by forward kinematics from the "
+        "measured joints",
+        _poses("left_foot", "right_foot", "left_hand", "right_hand"),
+        BODY_FRAME,
+    ),
+    Column(
+        "observation/control_state",
+        "",
+        "state machine: 0 stand, 1 balance, 2-4 right foot's contact transition start, its end, "
+        "swing, 5-7 left foot's",
+        dtype="<i8",
+    ),
+    Column(
+        "observation/joint_sin_cos",
+        "1",
+        "sine, then cosine, of the measured joint positions",
+        _joints("sin.") + _joints("cos."),
+    ),
+    Column("observation/joint_velocity", "rad/s", "measured", JOINT_NAMES),
+    Column("observation/gripper_closure", "1", "measured; 0 open, 1 closed", SIDES),
+    Column(
+        "action/hands",
+        _METRES,
+        "hand set-points, absolute, within the workspace",
+        _poses("left_hand", "right_hand"),
+        BODY_FRAME,
+    ),
+    Column("action/grasp", "1", "gripper set-points; 0 open, 1 closed", SIDES),
+    Column(
+        "action/locomotion",
+        "",
+        "gait asked for in this frame: 0 none, 1 forward, 2 backward, 3 side left, 4 side right, "
+        "5 turn left, 6 turn right",
+        dtype="<i8",
+    ),
+    Column("action/neck", "rad", "head pitch set-point, positive looks down"),
+    Column("truth/base_position", "m", "torso_link's origin", ("x", "y", "z"), "world"),
+    Column("truth/base_quaternion", "1", "torso_link", ("qw", "qx", "qy", "qz"), "world"),
+    Column("truth/joint_position", "rad", "exact", JOINT_NAMES),
+    Column("truth/gripper_closure", "1", "exact; 0 open, 1 closed", SIDES),
+    Column("truth/scene_qpos", "rad, m", "the scene's joints, in model order", varies=True),
+)
+"""``truth`` poses robot and scene as in the pictures, to render them anew at any size."""
+
+BY_PATH = {column.path: column for column in COLUMNS}
+
+
+@dataclass
+class Rows:
+    """Frames of an episode as they come: one list of rows a column."""
+
+    rows: dict[str, list[object]] = field(default_factory=lambda: {c.path: [] for c in COLUMNS})
+
+    def __len__(self) -> int:
+        return len(self.rows["time/robot_ns"])

@@ -1,0 +1,161 @@
+"""Who makes the episodes: processes of this machine, or a Ray cluster.
+
+Both are given one seed at a time and answer with a future, so that the same loop drives both.
+"""
+
+import contextlib
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import connection, get_context, parent_process
+from typing import Any, Protocol
+
+from studies.collect.episode import Made, Stop, make_episode
+from studies.collect.errors import CollectError
+from studies.collect.recipe import Recipe
+
+ENVIRONMENT = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
+)
+"""One thread a worker: the parallelism is in the episodes, and sums come out the same anywhere."""
+
+
+class Crew(Protocol):
+    """Makes episodes at the same time.
+
+    Attributes:
+        size: how many.
+        lost: what a future raises when its worker is gone.
+    """
+
+    size: int
+    lost: tuple[type[Exception], ...]
+
+    def submit(self, seed: int) -> "Future[Made]":
+        """Begin one."""
+        ...
+
+    def end(self) -> None:
+        """Give up what is under way."""
+        ...
+
+
+_stop: Stop | None = None
+
+
+def _prepare(stop: Stop) -> None:
+    """A worker begins; it never outlives its parent."""
+    global _stop  # noqa: PLW0603
+    _stop = stop
+    threading.Thread(target=_follow_parent, daemon=True).start()
+
+
+def _follow_parent() -> None:
+    # A pool's workers wait for work for ever if their parent is killed.
+    parent = parent_process()
+    if parent is not None:
+        connection.wait([parent.sentinel])
+        os._exit(1)
+
+
+def _work(recipe: Recipe, seed: int) -> Made:
+    return make_episode(recipe, seed, _stop)
+
+
+@contextlib.contextmanager
+def _surroundings() -> Iterator[None]:
+    """What new processes are to find: few threads, and Ctrl-C blocked, their parent's business."""
+    before = {name: os.environ.get(name) for name in ENVIRONMENT}
+    os.environ.update(ENVIRONMENT)
+    # Inherited from the first moment on; a handler of theirs would come too late.
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+class LocalCrew:
+    """Processes of this machine, also when it is only one: all work in the same surroundings."""
+
+    lost: tuple[type[Exception], ...] = (BrokenProcessPool,)
+
+    def __init__(self, recipe: Recipe, jobs: int) -> None:
+        self.size = jobs
+        self._recipe = recipe
+        # A fresh interpreter each: MuJoCo's and the solvers' threads do not survive a fork.
+        context = get_context("spawn")
+        self._stop = context.Event()
+        self._pool = ProcessPoolExecutor(
+            jobs, mp_context=context, initializer=_prepare, initargs=(self._stop,)
+        )
+
+    def submit(self, seed: int) -> "Future[Made]":
+        """Begin one."""
+        with _surroundings():
+            return self._pool.submit(_work, self._recipe, seed)
+
+    def end(self) -> None:
+        """Give up what is under way; it takes as long as rendering an episode at most."""
+        self._stop.set()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class RayCrew:
+    """Workers of a Ray cluster; every node needs this package with its extra ``collect``.
+
+    Episodes come back through Ray, so the nodes need no common file system. An episode whose node
+    is lost is made again elsewhere.
+    """
+
+    def __init__(self, recipe: Recipe, address: str, jobs: int | None) -> None:
+        """Join the cluster.
+
+        Args:
+            recipe: what to make.
+            address: ``auto``, ``HOST:PORT``, ``ray://HOST:PORT``, or ``local`` for one of its own.
+            jobs: episodes at a time; None: as many as the cluster has processors.
+
+        Raises:
+            CollectError: Ray is not installed, or there is no cluster there.
+        """
+        try:
+            import ray
+        except ImportError as error:
+            raise CollectError(
+                "--ray needs the package ray: pip install 'trill[ray]' (here and on every node)"
+            ) from error
+        self._ray: Any = ray
+        # Variables of the process that starts a worker would not reach another machine.
+        surroundings = {"env_vars": ENVIRONMENT}
+        try:
+            ray.init(address=address, log_to_driver=False, runtime_env=surroundings)
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            raise CollectError(f"no Ray cluster at {address!r}: {error}") from error
+        self.lost: tuple[type[Exception], ...] = (ray.exceptions.RayError,)
+        self.size = jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
+        self._make: Any = ray.remote(num_cpus=1, max_retries=3)(make_episode)
+        self._recipe: Any = ray.put(recipe)
+        self._references: dict[int, Any] = {}
+
+    def submit(self, seed: int) -> "Future[Made]":
+        """Begin one."""
+        reference = self._make.remote(self._recipe, seed)
+        self._references[seed] = reference
+        future: Future[Made] = reference.future()
+        future.add_done_callback(lambda _: self._references.pop(seed, None))
+        return future
+
+    def end(self) -> None:
+        """Give up what is under way and leave the cluster."""
+        for reference in list(self._references.values()):
+            self._ray.cancel(reference, force=True)
+        self._ray.shutdown()

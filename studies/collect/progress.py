@@ -1,0 +1,112 @@
+"""How far the collection is: a bar on a terminal, a line a trial anywhere else."""
+
+from collections import Counter
+from time import monotonic
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from studies.collect.collect import Standing
+from studies.collect.store import IndexLine
+
+
+def duration(seconds: float) -> str:
+    """``3:07`` or ``1:02:03``."""
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+
+
+class Pace:
+    """Rate, time left and speed of this run; what was there before does not count."""
+
+    def __init__(self) -> None:
+        self._began = monotonic()
+        self._before: int | None = None
+
+    def text(self, standing: Standing) -> str:
+        """For instance ``64 % successes, 212 an hour, ETA 0:34, 0.9 x real time``."""
+        if self._before is None:
+            self._before = standing.successes
+        elapsed = monotonic() - self._began
+        made = standing.successes - self._before
+        parts = []
+        if standing.lines:
+            parts.append(f"{100 * standing.successes / len(standing.lines):.0f} % successes")
+        if made:
+            left = max(0, standing.wanted - standing.successes) * elapsed / made
+            parts += [f"{3600 * made / elapsed:.0f} an hour", f"ETA {duration(left)}"]
+        if standing.simulated:
+            parts.append(f"{standing.simulated / elapsed:.2f} x real time")
+        return ", ".join(parts)
+
+
+class Display:
+    """Shows the standing while it changes; a context manager."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._pace = Pace()
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[pace]}"),
+            console=console,
+            disable=not console.is_terminal,
+        )
+        self._row = self._bar.add_task("episodes", total=None, pace="")
+
+    def __enter__(self) -> Self:
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def tell(self, standing: Standing, line: IndexLine | None) -> None:
+        """Show how it stands; ``line`` is a trial that has just ended."""
+        pace = self._pace.text(standing)
+        self._bar.update(self._row, completed=standing.successes, total=standing.wanted, pace=pace)
+        if line is None:
+            return
+        meta = line.meta
+        if not self._console.is_terminal:
+            text = f"[{standing.successes}/{standing.wanted}] seed {meta.seed}: {meta.verdict}"
+            self._plain(f"{text} at {meta.completion_time:.1f} s; {pace}")
+        if not meta.success:
+            self._plain(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
+
+    def _plain(self, text: str) -> None:
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+def closing(standing: Standing, elapsed: float) -> str:
+    """What was done, in a few lines."""
+    new = len(standing.lines) - standing.resumed
+    lines = [
+        f"{standing.successes} of {standing.wanted} successes from {len(standing.lines)} trials"
+        + (f", {standing.resumed} of these from before" if standing.resumed else "")
+    ]
+    if new:
+        lines.append(
+            f"{new} trials in {duration(elapsed)}: {standing.simulated:.0f} s of robot time, "
+            f"{standing.simulated / elapsed:.2f} x real time together, "
+            f"{standing.simulated / standing.busy:.2f} x a worker "
+            f"({100 * standing.rendering / standing.busy:.0f} % of its time for pictures)"
+        )
+    lines += failures([line for line in standing.lines.values() if not line.meta.success])
+    return "\n".join(lines)
+
+
+def failures(lines: list[IndexLine]) -> list[str]:
+    """``3 x failure: not within 20 s: ...``, the commonest first."""
+    reasons = Counter(f"{line.meta.verdict}: {line.meta.reason}" for line in lines)
+    return [f"{number} x {reason}" for reason, number in reasons.most_common()]

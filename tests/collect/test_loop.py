@@ -1,0 +1,170 @@
+"""Which trials are run and kept, whoever is how fast and whatever was there before."""
+
+import hashlib
+import random
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from common.errors import ConfigError
+from studies.collect.collect import Standing, collect
+from studies.collect.episode import Made
+from studies.collect.errors import CollectError
+from studies.collect.store import INDEX, IndexLine, Store
+from tests.collect.support import RECIPE, FakeCrew, made
+
+FAILING = {1, 4, 5, 6, 11}
+
+
+def digests(root: Path) -> dict[str, str]:
+    """SHA-256 of every file but the lock."""
+    return {
+        str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
+
+
+def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeCrew:
+    crew = FakeCrew(jobs, FAILING, haste)
+    collect(RECIPE, Store(root), lambda: crew, wanted=wanted, max_trials=most)
+    return crew
+
+
+def _same(crew: FakeCrew) -> FakeCrew:
+    return crew
+
+
+def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
+    tmp_path: Path,
+) -> None:
+    gather(tmp_path / "one", 7)
+    kept = sorted(path.stem for path in (tmp_path / "one" / "episodes").iterdir())
+    assert kept == [f"{seed:06d}" for seed in (0, 2, 3, 7, 8, 9, 10)]
+    rejected = sorted(path.stem for path in (tmp_path / "one" / "rejected").iterdir())
+    assert rejected == [f"{seed:06d}" for seed in (1, 4, 5, 6)]
+    for jobs, haste in ((2, 1), (3, 2), (5, 3), (20, 4)):
+        root = tmp_path / f"{jobs}"
+        crew = FakeCrew(jobs, FAILING, haste, together=min(jobs, 7))
+        collect(RECIPE, Store(root), partial(_same, crew), wanted=7)
+        assert crew.ended
+        assert digests(root) == digests(tmp_path / "one")
+
+
+def test_a_set_can_be_enlarged(tmp_path: Path) -> None:
+    gather(tmp_path / "whole", 9)
+    gather(tmp_path / "grown", 3, jobs=2)
+    crew = gather(tmp_path / "grown", 9, jobs=2)
+    assert 0 not in crew.given
+    assert digests(tmp_path / "grown") == digests(tmp_path / "whole")
+
+
+def test_what_a_killed_run_leaves_is_mended(tmp_path: Path) -> None:
+    gather(tmp_path / "whole", 7)
+    choose = random.Random(5)
+    for attempt in range(12):
+        root = tmp_path / f"{attempt}"
+        gather(root, 7)
+        done = Store(root).files()
+        # Of the trials some are missing, one is half written, the index is cut at any byte.
+        for path in choose.sample(done, choose.randint(1, len(done))):
+            if choose.random() < 0.3:
+                path.with_name(path.name + ".part").write_bytes(path.read_bytes()[:100])
+            path.unlink()
+        index = (root / INDEX).read_bytes()
+        (root / INDEX).write_bytes(index[: choose.randint(0, len(index))])
+        gather(root, 7, jobs=3, haste=attempt)
+        assert digests(root) == digests(tmp_path / "whole")
+
+
+def test_nothing_to_do_needs_no_worker(tmp_path: Path) -> None:
+    gather(tmp_path, 3)
+
+    def none() -> FakeCrew:
+        raise AssertionError
+
+    standing = collect(RECIPE, Store(tmp_path), none, wanted=3)
+    assert (standing.successes, standing.resumed) == (3, 4)
+
+
+def test_it_gives_up_after_so_many_trials(tmp_path: Path) -> None:
+    crew = FakeCrew(2, set(range(100)))
+    standing = collect(RECIPE, Store(tmp_path), lambda: crew, wanted=2, max_trials=5)
+    assert not standing.complete
+    assert crew.given == [0, 1, 2, 3, 4]
+
+
+def test_the_listener_hears_of_each_trial(tmp_path: Path) -> None:
+    heard: list[int] = []
+
+    def tell(standing: Standing, line: IndexLine | None) -> None:
+        if line is not None:
+            assert line.meta.seed in standing.lines
+            heard.append(line.meta.seed)
+
+    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, FAILING), wanted=3, tell=tell)
+    assert heard == [0, 1, 2, 3]
+
+
+class LosingCrew(FakeCrew):
+    lost: tuple[type[Exception], ...] = (BrokenPipeError,)
+
+    def submit(self, seed: int) -> "Future[Made]":
+        if seed < 2:
+            return super().submit(seed)
+        future: Future[Made] = Future()
+        future.set_exception(BrokenPipeError("gone"))
+        return future
+
+
+def test_a_lost_worker_is_told_and_what_is_done_is_kept(tmp_path: Path) -> None:
+    crew = LosingCrew(1, set())
+    with pytest.raises(CollectError, match="seed 2 was lost"):
+        collect(RECIPE, Store(tmp_path), lambda: crew, wanted=5)
+    assert crew.ended
+    assert len(Store(tmp_path).scan()) == 2
+
+
+def test_another_recipe_is_refused_with_what_differs(tmp_path: Path) -> None:
+    gather(tmp_path, 1)
+    other = RECIPE.model_copy(update={"raw_hands": True})
+    with pytest.raises(ConfigError, match=r"raw_hands: False \| True"):
+        collect(other, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2)
+
+
+def test_a_later_first_seed_is_refused(tmp_path: Path) -> None:
+    gather(tmp_path, 1)
+    with pytest.raises(CollectError, match="seeds from 0"):
+        collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=1)
+
+
+def test_two_writers_are_refused(tmp_path: Path) -> None:
+    with (
+        Store(tmp_path).writing(RECIPE),
+        pytest.raises(CollectError, match="another process"),
+    ):
+        gather(tmp_path, 1)
+
+
+def test_the_index_is_rebuilt_from_the_files(tmp_path: Path) -> None:
+    gather(tmp_path, 4, jobs=3)
+    store = Store(tmp_path)
+    before = (tmp_path / INDEX).read_bytes()
+    (tmp_path / INDEX).unlink()
+    with pytest.raises(CollectError, match="--reindex"):
+        store.index()
+    store.write_index(store.scan())
+    assert (tmp_path / INDEX).read_bytes() == before
+    assert [line.meta for line in store.index()] == [
+        made(seed, "failure" if seed in FAILING else "success").meta for seed in range(8)
+    ]
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    gather(tmp_path, 1)
+    path = tmp_path / "episodes" / "000000.h5"
+    path.write_bytes(path.read_bytes()[:500])
+    with pytest.raises(CollectError, match="000000"):
+        Store(tmp_path).scan()

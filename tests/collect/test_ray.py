@@ -1,0 +1,51 @@
+"""Episodes made by a Ray cluster of two workers are those made here."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from studies.collect.collect import collect
+from studies.collect.crew import RayCrew
+from studies.collect.episode import make_episode
+from studies.collect.errors import CollectError
+from studies.collect.store import Store
+from tests.collect.support import RECIPE
+
+ray = pytest.importorskip("ray")
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """Two nodes with one processor each."""
+    from ray.cluster_utils import Cluster
+
+    nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    nodes.add_node(num_cpus=1)
+    try:
+        yield nodes
+    finally:
+        nodes.shutdown()
+
+
+def test_the_same_bytes_from_a_cluster(cluster: Any, tmp_path: Path) -> None:
+    crews: list[RayCrew] = []
+
+    def crew() -> RayCrew:
+        crews.append(RayCrew(RECIPE, cluster.address, None))
+        return crews[0]
+
+    standing = collect(RECIPE, Store(tmp_path), crew, wanted=2, max_trials=6)
+    assert crews[0].size == 2
+    assert standing.complete
+    for line in standing.lines.values():
+        if line.kept:
+            assert (tmp_path / line.file).read_bytes() == make_episode(
+                RECIPE, line.meta.seed
+            ).content
+
+
+def test_no_cluster_is_told() -> None:
+    with pytest.raises(CollectError, match="no Ray cluster"):
+        RayCrew(RECIPE, "127.0.0.1:1", 1)
