@@ -64,7 +64,11 @@ def ask(session: Any, robot: str, request: LinkRequest) -> Answers:
         if answer.ok is None:
             errors.append(answer.err.payload.to_bytes().decode(errors="replace"))
             continue
-        reply = from_wire(answer.ok.payload.to_bytes(), LinkReply)
+        try:
+            reply = from_wire(answer.ok.payload.to_bytes(), LinkReply)
+        except LinkControlError as error:
+            errors.append(f"{answer.ok.key_expr} answered what is not understood: {error}")
+            continue
         good[reply.service] = reply
     return Answers(dict(sorted(good.items())), tuple(errors))
 

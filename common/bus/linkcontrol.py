@@ -24,8 +24,12 @@ from common.errors import ConfigError, TrillError, explain
 EVERYTHING = "*"
 """Name of the entry that clears every link."""
 MAX_BYTES = 200_000
-"""Longest request or reply taken: it is read between two steps of a control loop."""
+"""Longest request taken: it is read between two steps of a control loop."""
+MAX_REPLY_BYTES = 1_000_000
+"""Longest reply taken: it tells of all changes, and is read by those who start or ask."""
 MAX_ENTRIES = 256
+MAX_TRACED = 60_000
+"""Delays of all traces together, so that a reply can tell them."""
 
 
 class LinkControlError(TrillError):
@@ -122,9 +126,10 @@ def from_wire(payload: bytes, kind: type[M]) -> M:
     Raises:
         LinkControlError: the bytes are no such thing.
     """
-    if len(payload) > MAX_BYTES:
+    longest = MAX_REPLY_BYTES if kind is LinkReply else MAX_BYTES
+    if len(payload) > longest:
         raise LinkControlError(
-            f"{kind.__name__}: expected at most {MAX_BYTES} bytes, got {len(payload)}"
+            f"{kind.__name__}: expected at most {longest} bytes, got {len(payload)}"
         )
     try:
         values: Any = msgpack.unpackb(payload)
@@ -206,8 +211,15 @@ class LinkTable:
         entries = [
             LinkEntry(name=name, spec=request.links.get(name), version=version) for name in names
         ]
-        if len(self._entries.keys() | names) > MAX_ENTRIES:
+        if request.action == "set" and len(self._entries.keys() | names) > MAX_ENTRIES:
             raise LinkControlError(f"more than {MAX_ENTRIES} live changes; clear some first")
+        kept = [entry for name, entry in self._entries.items() if name not in names]
+        traced = sum(len(e.spec.trace) for e in (*kept, *entries) if e.spec is not None)
+        if traced > MAX_TRACED:
+            raise LinkControlError(
+                f"{traced} recorded delays in live changes; expected at most {MAX_TRACED}: use "
+                "shorter traces or clear some first"
+            )
         self.merge(entries)
 
     def merge(self, entries: Iterable[LinkEntry]) -> None:
@@ -215,6 +227,8 @@ class LinkTable:
         for entry in entries:
             known = self._entries.get(entry.name)
             if known is not None and known.version >= entry.version:
+                continue
+            if known is None and len(self._entries) >= MAX_ENTRIES and entry.name != EVERYTHING:
                 continue
             try:
                 _check_name(entry.name)
