@@ -221,11 +221,13 @@ def test_each_gait_has_a_button_and_each_press_is_one_request(button: Button) ->
     assert sorted(GAIT_BUTTONS.values()) == [gait for gait in Gait if gait is not Gait.NONE]
 
 
-def test_a_button_held_through_a_silence_asks_for_nothing() -> None:
-    down = sample(controller(upper=True))
-    ingress = fed(sample(), down)
+def test_a_button_pressed_during_a_silence_asks_for_nothing() -> None:
+    rest, down = sample(), sample(controller(squeeze=0.0, upper=True))
+    ingress = fed(rest)
     ingress.take(None, 1.0)
     assert ingress.take(down, 1.05) == []
+    ingress.take(rest, 1.1)
+    assert [request.gait for request in ingress.take(down, 1.15)] == [Gait.FORWARD]
 
 
 def test_an_untracked_head_engages_nothing_and_leaves_the_neck() -> None:
