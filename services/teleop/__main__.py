@@ -231,7 +231,9 @@ def main(argv: list[str] | None = None) -> int:
     mode, *rest = arguments
     run = MODES.get(mode)
     if run is None:
-        print(f"teleop: expected {' or '.join(MODES)}, got {mode!r}\n\n{USAGE}", file=sys.stderr)
+        *most, last = MODES
+        expected = f"{', '.join(most)} or {last}"
+        print(f"teleop: expected {expected}, got {mode!r}\n\n{USAGE}", file=sys.stderr)
         return 2
     return run(rest)
 
