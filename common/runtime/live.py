@@ -15,7 +15,7 @@ from common.bus.links import Links
 from common.bus.session import BusError, new_boot_id, open_session
 from common.bus.slot import SlotTools
 from common.bus.subscriptions import subscribe
-from common.runtime.aides import Aide, Place
+from common.runtime.aides import Crew, Place
 from common.runtime.clocks import Clocks
 from common.runtime.config import RuntimeConfig
 from common.runtime.describing import Describing
@@ -72,14 +72,15 @@ class LiveRunner:
         self._journal = Journal(service.name, service.settings)
         self._stats = LoopStats(service, realtime)
         clocks = Clocks()
-        self._aides: tuple[Aide, ...] = (
-            Journaling(self._journal),
-            clocks,
-            Heartbeats(
-                clocks, lambda: self._stats.steps, service.period_ns, service.heartbeat_promise_s
-            ),
-            LinkAide(service.name, self._links),
-            Describing((*service.writes, HEALTH, JOURNAL)),
+        promise_s = service.heartbeat_promise_s
+        self._aides = Crew(
+            (
+                Journaling(self._journal),
+                clocks,
+                Heartbeats(clocks, lambda: self._stats.steps, service.period_ns, promise_s),
+                LinkAide(service.name, self._links),
+                Describing((*service.writes, HEALTH, JOURNAL)),
+            )
         )
         self.inbox = Inbox(
             service.reads,
@@ -163,18 +164,18 @@ class LiveRunner:
     def _open_topics(self, session: Any) -> None:
         """Declare publishers and subscribers."""
         service, robot, boot = self._service, self._bus.robot, new_boot_id()
-        own = (HEALTH, *(topic for aide in self._aides for topic in aide.writes))
+        own = (HEALTH, *(topic for aide in self._aides.all for topic in aide.writes))
         outlets = Outlets(session, robot, service.name, boot, writes=service.writes, own=own)
         self._outlets = outlets
         service.wanted = outlets.wanted
         self._subscribers = subscribe(session, robot, self.inbox, service.reads)
         place = Place(session, robot, service.name, boot, self.inbox, outlets.send, outlets.wanted)
-        for aide in self._aides:
+        for aide in self._aides.all:
             aide.open(place)
 
     def _close_aides(self) -> None:
         """Let every aide end, whatever another one raises."""
-        for aide in self._aides:
+        for aide in self._aides.all:
             try:
                 aide.close()
             except Exception:  # noqa: BLE001 - the session is closed all the same
@@ -212,7 +213,7 @@ class LiveRunner:
             arrival = inbox.trigger_arrival(now)
             if arrival is None or not pace.accepts(arrival):
                 if now < pace.due_ns:
-                    self._wait_for_trigger(now, min(pace.due_ns, self._aides_due()))
+                    self._wait_for_trigger(now, min(pace.due_ns, self._aides.due_ns))
                     continue
                 pace.timed_out(now)
             self._step(now)
@@ -230,7 +231,7 @@ class LiveRunner:
             inbox.wait(min(1e-9 * left, _LONGEST_SLEEP_S))
         elif spin_ns:
             time.sleep(0)  # lets the transport's threads have the interpreter
-        self._tend_if_due(time.monotonic_ns())
+        self._aides.tend(time.monotonic_ns(), only_due=True)
 
     def _sleep_until(self, due_ns: int) -> bool:
         """Sleep, the last part awake; False if the service is to stop."""
@@ -241,9 +242,9 @@ class LiveRunner:
             if left <= 0:
                 return True
             if left > spin_ns:
-                rest = min(left, max(self._aides_due() - now, spin_ns + 1))
+                rest = min(left, max(self._aides.due_ns - now, spin_ns + 1))
                 time.sleep(min(1e-9 * (rest - spin_ns), _LONGEST_SLEEP_S))
-                self._tend_if_due(time.monotonic_ns())
+                self._aides.tend(time.monotonic_ns(), only_due=True)
             else:
                 time.sleep(0)  # lets the transport's threads have the interpreter
         return False
@@ -257,8 +258,7 @@ class LiveRunner:
 
     def _between_steps(self, now_ns: int) -> None:
         """Tend the aides, publish health twice a second and collect garbage once."""
-        for aide in self._aides:
-            aide.tend(now_ns)
+        self._aides.tend(now_ns)
         if now_ns >= self._next_health:
             self._next_health = max(self._next_health + _HEALTH_PERIOD_NS, now_ns)
             self._outlets.send(HEALTH, self._health())
@@ -271,18 +271,9 @@ class LiveRunner:
 
     def _health(self) -> ServiceHealth:
         more: dict[str, Any] = {"outputs": self._outlets.health()}
-        for aide in self._aides:
+        for aide in self._aides.all:
             more |= aide.report()
         return self._stats.health(self.inbox).model_copy(update=more)
-
-    def _aides_due(self) -> int:
-        return min(aide.due_ns for aide in self._aides)
-
-    def _tend_if_due(self, now_ns: int) -> None:
-        """Tend the aides whose time has come while no step is due."""
-        for aide in self._aides:
-            if now_ns >= aide.due_ns:
-                aide.tend(now_ns)
 
     def _handle_signals(self) -> None:
         """Stop on SIGINT and SIGTERM; only possible in the main thread."""
