@@ -41,10 +41,6 @@ class Pose:
         """Heading [rad]."""
         return to_rpy(self.quaternion)[2]
 
-    def shifted(self, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> "Pose":
-        """Moved along the outer frame's axes [m]."""
-        return Pose(self.position + np.array([x, y, z]), self.quaternion)
-
 
 def _inverse(quaternion: Array) -> Array:
     inverse: Array = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
@@ -120,7 +116,6 @@ class Eyes:
     def __init__(self) -> None:
         self._torso: Pose | None = None
         self._stamp = -1
-        self._last: Sight | None = None
 
     def see(
         self, state: PlantState | None, scene: SceneState | None, control: ControllerState | None
