@@ -87,3 +87,24 @@ def test_too_much_is_given_up_from_the_oldest(
     sizes = [len(m.steps) + len(m.takes) + len(m.payloads) for _, m in bench.sent]
     kept = sum(sizes) if bound == "_KEPT_BYTES" else len(sizes)
     assert 0.9 * most < kept <= most
+
+
+def test_takes_that_nobody_hears_are_given_up_before_they_count_as_lost() -> None:
+    bench = Bench()
+    header = Header(source="sim", boot=7)
+    for step in range(1000):
+        bench.now += STEP_NS
+        bench.journal.begin(bench.now)
+        for _ in range(300):
+            bench.journal.take("teleop/gait", Take.APPLIED, header, b"", (bench.now, 0, 0, 0))
+        bench.journal.end(bench.now)
+        bench.aide.tend(bench.now)
+        bench.steps = step + 1
+    bench.wanted = True
+    bench.aide.close()
+    numbers = bench.steps_sent()
+    assert numbers == list(range(numbers[0], 1000))
+    assert numbers[0] > 0
+    for _, message in bench.sent:
+        steps, takes = read_tables(message)
+        assert (message.lost, len(takes)) == (0, 300 * len(steps))

@@ -327,23 +327,6 @@ def test_what_a_journal_could_not_note_ends_the_replay() -> None:
     assert "lacks messages taken in" in life.ends
 
 
-def test_unread_takes_are_trimmed_before_they_are_lost() -> None:
-    journal = Journal("wbc")
-    header = gait_request(0).header
-    for step in range(1000):
-        journal.begin(step)
-        for _ in range(100):
-            journal.take("teleop/gait", Take.APPLIED, header, b"", (step, 0, 0, 0))
-        journal.end(step)
-        journal.trim()
-    message = journal.fetch()
-    assert message is not None
-    assert message.lost == 0
-    steps, takes = read_tables(message)
-    assert message.first_step + len(steps) == 1000
-    assert len(takes) == 100 * len(steps)
-
-
 def test_a_second_life_is_replayed_by_itself() -> None:
     runner = SimTimeRunner([ToyPlant(), ToyController()], seed=5, links=LINKS, record=True)
     runner.run_for(1.0)
