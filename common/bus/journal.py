@@ -49,6 +49,8 @@ Table = npt.NDArray[np.int64]
 
 _PROLOGUE_NS = 5_000_000_000
 _PROLOGUE_BYTES = 8_000_000
+"""Of a sender whose first messages are carried, as a recorder may be connected to it later than
+this reader is; and of one journal message."""
 _KEPT_TAKES = 40_000
 _MAX_STREAMS = 64
 _MAX_SETTINGS = 1_000_000
@@ -85,15 +87,14 @@ class Journal:
         self._takes: list[tuple[int, ...]] = []
         self._streams: dict[tuple[str, str, int], int] = {}
         self._payloads: list[bytes] = []
-        self._prologue_left = _PROLOGUE_BYTES
-        self._born_ns: int | None = None
+        self._carried = 0
+        self._prologues: dict[tuple[str, int], tuple[int, int]] = {}
+        """Until when and how much is carried of each life of a sender."""
         self._windows: dict[str, deque[tuple[int, ...]]] = {}
         self._open: list[tuple[str, tuple[int, ...]]] = []
 
     def begin(self, now_ns: int) -> None:
         """A step begins at ``now_ns``."""
-        if self._born_ns is None:
-            self._born_ns = now_ns
         self._steps.append((now_ns, 0))
 
     def take(
@@ -125,17 +126,29 @@ class Journal:
                 self._lost += kind is Take.APPLIED
                 return
             stream = self._streams[key] = len(self._streams)
-        size = len(payload)
-        if size > self._prologue_left or times[0] - (self._born_ns or 0) > _PROLOGUE_NS:
-            size = 0
-        else:
-            self._prologue_left -= size
-            self._payloads.append(payload)
+        size = self._carry(payload, (header.source, header.boot), times[0])
         sending = (header.captured, header.sent, header.encode)
         row = (len(self._steps) - 1, stream, kind, header.seq, *sending, *times, size)
         self._takes.append(row)
         if kind is Take.APPLIED:
             self._open.append((topic, (*sending, *times, self._steps[-1][0])))
+
+    def _carry(self, payload: bytes, sender: tuple[str, int], arrival_ns: int) -> int:
+        """Keep a payload that comes early in its sender's life; how many bytes of it."""
+        known = self._prologues.get(sender)
+        if known is None:
+            if len(self._prologues) >= _MAX_STREAMS:
+                return 0
+            known = arrival_ns + _PROLOGUE_NS, _PROLOGUE_BYTES
+        until, left = known
+        size = len(payload)
+        fits = arrival_ns <= until and size <= min(left, _PROLOGUE_BYTES - self._carried)
+        self._prologues[sender] = until, left - size if fits else left
+        if not fits:
+            return 0
+        self._carried += size
+        self._payloads.append(payload)
+        return size
 
     def end(self, used_ns: int) -> None:
         """The step's results were sent at ``used_ns``."""
@@ -181,6 +194,7 @@ class Journal:
         self._takes = []
         self._streams = {}
         self._payloads = []
+        self._carried = 0
 
 
 def stage_durations(rows: Table) -> dict[str, Table]:

@@ -236,3 +236,33 @@ def test_too_many_messages_between_two_fetches_are_counted() -> None:
     message = journal.fetch()
     assert message is not None
     assert (message.lost, len(read_tables(message)[1])) == (10, 40_000)
+
+
+def test_the_first_seconds_of_each_senders_life_are_carried() -> None:
+    journal = Journal("sim")
+    sizes: dict[int, list[bool]] = {1: [], 2: []}
+    for tenth in range(300):
+        now = tenth * SECOND // 10
+        boot = 1 if tenth < 200 else 2
+        journal.begin(now)
+        header = Header(seq=tenth, boot=boot, source="wbc")
+        journal.take("wbc/command", Take.APPLIED, header, bytes(10), (now, 0, 0, 0))
+        journal.end(now)
+        message = journal.fetch()
+        assert message is not None
+        sizes[boot].append(len(message.payloads) == 10)
+    assert sizes[1] == [True] * 51 + [False] * 149
+    assert sizes[2] == [True] * 51 + [False] * 49
+    # Bounded whoever sends however much.
+    carried = 0
+    for boot in range(3, 300):
+        header = Header(boot=boot, source="wbc")
+        journal.begin(1)
+        for _ in range(3):
+            journal.take("wbc/command", Take.APPLIED, header, bytes(3_000_000), (1, 0, 0, 0))
+        if boot % 3 == 0:
+            message = journal.fetch()
+            assert message is not None
+            assert len(message.payloads) <= 8_000_000
+            carried += len(message.payloads)
+    assert 0 < carried <= 62 * 8_000_000
