@@ -6,6 +6,7 @@ Both are given one seed at a time and answer with a future, so that the same loo
 import contextlib
 import os
 import signal
+import socket
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -21,6 +22,10 @@ ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
 )
 """One thread a worker: the parallelism is in the episodes, and sums come out the same anywhere."""
+
+
+_PATIENCE = 10.0
+"""With a cluster that does not answer [s]."""
 
 
 class Crew(Protocol):
@@ -109,6 +114,24 @@ class LocalCrew:
         self._pool.shutdown(wait=True, cancel_futures=True)
 
 
+def _reach(address: str) -> None:
+    """Ray itself would try for many minutes.
+
+    Raises:
+        CollectError: nobody answers at ``address``.
+    """
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon:
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=_PATIENCE).close()
+    except (OSError, ValueError) as error:
+        raise CollectError(
+            f"no Ray cluster at {address!r}: {error}; expected auto, HOST:PORT as `ray start "
+            "--head` prints it, or ray://HOST:PORT"
+        ) from error
+
+
 class RayCrew:
     """Workers of a Ray cluster; every node needs this package with its extra ``collect``.
 
@@ -134,6 +157,7 @@ class RayCrew:
                 "--ray needs the package ray: pip install 'trill[ray]' (here and on every node)"
             ) from error
         self._ray: Any = ray
+        _reach(address)
         # Variables of the process that starts a worker would not reach another machine.
         surroundings = {"env_vars": ENVIRONMENT}
         try:
