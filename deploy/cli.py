@@ -49,7 +49,7 @@ TOP_EXAMPLES = """examples:
   trill top                           the system on the standard ports
   trill top --base-port 7464          the one that printed this base port when it started
   trill top --ledger                  the latency of every input, nothing else
-  TRILL_CONNECT=tcp/robot:7448 TRILL_MODE=client trill top
+  TRILL_CONNECT=tcp/robot:7447 TRILL_MODE=client trill top
 """
 UP = """Start the robot's side (plant, cameras, whole-body controller, logger) without an operator
 and show the live table until Ctrl-C. A service that fails is started again, three times at most.

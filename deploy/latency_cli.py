@@ -11,6 +11,7 @@ from common.bus.config import BusConfig, split_list
 from common.bus.linknames import LinkName, alias_help, parse_name
 from common.bus.links import Links, checked_spec
 from common.bus.linkspec import PRESETS, LinkSpec
+from common.errors import ConfigError
 from deploy.errors import DeployError
 from deploy.system import bus_of
 
@@ -219,6 +220,8 @@ def _explain(arguments: argparse.Namespace) -> int:
     from common.bus.predict import advice, predict
     from deploy.latency_text import prediction_table, prediction_words
 
+    if not arguments.rate > 0.0:
+        raise ConfigError(f"--rate: expected messages per second above 0, got {arguments.rate:g}")
     told = predict(LinkSpec.parse(" ".join(arguments.spec)), arguments.rate)
     print(f"{told.spec}, {told.rate:g} messages per second")
     Console().print(prediction_table(told))

@@ -23,8 +23,8 @@ nothing at all is published. At the end the account of each topic is printed: se
 lost on the way + dropped here."""
 RECORD_EXAMPLES = """examples:
   trill record
-  trill record --connect tcp/robot:7448             as a guest, from another machine
-  trill record --connect tcp/robot:7448 --robot draco3 --no-cameras
+  trill record --connect tcp/robot:7447             as a guest, from another machine
+  trill record --connect tcp/robot:7447 --robot draco3 --no-cameras
   trill record --rotate-size 2GB --rotate-every 10min
   trill record --topics 'plant/*,wbc/**' --out logs/friday
 """
@@ -53,7 +53,7 @@ MARK_EXAMPLES = """examples:
   trill mark start --label 'open the door'
   trill mark end
   trill mark discard --label 'hand slipped'
-  trill mark start --connect tcp/robot:7448
+  trill mark start --connect tcp/robot:7447
 """
 
 TABLES: dict[str, Callable[[LogReader], str]] = {"ledger": ledger_cli.as_text}
@@ -69,7 +69,7 @@ def _bus_arguments(parser: argparse.ArgumentParser, what: str) -> None:
     parser.add_argument(
         "--connect",
         metavar="ENDPOINT",
-        help="come as a guest to this endpoint, e.g. tcp/robot:7448 (or TRILL_CONNECT)",
+        help="come as a guest to this endpoint, e.g. tcp/robot:7447 (or TRILL_CONNECT)",
     )
 
 

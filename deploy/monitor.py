@@ -14,8 +14,10 @@ from rich.console import Console
 from rich.live import Live
 
 from common.bus.config import BusConfig
+from common.bus.keys import subscription_of
 from common.bus.session import open_session
 from common.bus.tap import RawTap
+from common.topics import ALL_TOPICS, JOURNAL
 from deploy.board import Board, View
 from deploy.process import terminated_as_interrupted
 from deploy.table import Show, draw, line
@@ -43,7 +45,9 @@ class Watch:
             BusError: the bus cannot be opened.
         """
         self._session: Any = open_session(self._bus, SERVICE)
-        self._tap = RawTap(self._session, self._bus.robot)
+        # Not the journals: who takes a service's first one should be able to keep it.
+        shown = [subscription_of(self._bus.robot, t) for t in ALL_TOPICS if t is not JOURNAL]
+        self._tap = RawTap(self._session, self._bus.robot, expressions=shown)
         return self
 
     def __exit__(

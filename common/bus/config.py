@@ -109,12 +109,13 @@ class BusConfig(BaseModel):
             return list(self.connect)
         if self.mode == "client":
             return [self._endpoint(self.base_port + ROUTER_OFFSET)]
+        known = service in PORT_OFFSETS
         own = PORT_OFFSETS.get(service, 1 + max(PORT_OFFSETS.values()))
-        return [
-            self._endpoint(self.base_port + offset)
-            for offset in PORT_OFFSETS.values()
-            if offset < own
-        ]
+        offsets = [offset for offset in PORT_OFFSETS.values() if offset < own]
+        if not known and self.mode == "peer":
+            # The router dials the table only, and behind it there may be operators and loggers.
+            offsets.append(ROUTER_OFFSET)
+        return [self._endpoint(self.base_port + offset) for offset in offsets]
 
     def zenoh_config(self, service: str) -> dict[str, Any]:
         """The Zenoh configuration of ``service``, ready to be written as JSON."""

@@ -28,9 +28,11 @@ from services.logger.attach import descriptions_of, find_robot
 from services.logger.config import LoggerConfig
 from services.logger.desk import EpisodeDesk
 from services.logger.episodes import EpisodeBook
+from services.logger.errors import LoggerError
 from services.logger.info import read_episodes
 from services.logger.parts import existing_parts, next_part
 from services.logger.recorder import Recorder
+from services.logger.replace import is_locked
 from services.logger.selection import Selection
 from services.logger.sink import McapSink, told
 from services.logger.status import Status
@@ -102,11 +104,17 @@ def record(order: Order, stopping: Callable[[], bool]) -> dict[str, KeyCount]:
     """Record until ``stopping`` says True; returns the counts by key.
 
     Raises:
-        LoggerError: the log cannot be written, or no robot is found.
+        LoggerError: the log cannot be written, another recorder is at it, or no robot is found.
         BusError: the bus cannot be opened.
         ConfigError: a pattern of topics is none.
     """
     _make_room(order.path)
+    busy = next((p for p in existing_parts(order.path) if p.exists() and is_locked(p)), None)
+    if busy is not None:
+        raise LoggerError(
+            f"{busy} is being recorded by another logger; two in one directory would be read as "
+            "one log: give another --out"
+        )
     Selection(order.bus.robot, order.config.topics, order.config.exclude)
     session: Any = open_session(order.bus, LoggerService.name, stopping)
     try:
@@ -139,7 +147,8 @@ class _Recording:
 
         def new_part() -> McapSink:
             path = next_part(order.path)
-            _log.info("recording %s/** to %s", robot, path)
+            asked = ", ".join(f"{robot}/{topic}" for topic in config.topics) or f"{robot}/**"
+            _log.info("recording %s to %s", asked, path)
             return McapSink(path, robot, config, about)
 
         earlier = [path for path in existing_parts(order.path) if path.exists()]

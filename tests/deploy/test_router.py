@@ -162,6 +162,17 @@ def test_peers_and_client_hear_each_other_once_whoever_came_first(
     until(lambda: router.connected() == "2 peers, 1 client", router.said)
 
 
+def test_an_observer_beside_the_robot_hears_who_comes_through_the_router(place: Place) -> None:
+    router = place.router()
+    sim = place.peer("sim")
+    # Neither of the table nor a client, as `trill top`, `mark` and `latency` are.
+    observer, operator = place.peer("observer"), place.client("operator")
+    at_sim, at_observer = Ear(place.reader(sim, ESTOP)), Ear(place.reader(observer, ESTOP))
+    exchange(stops(operator, "operator"), [at_sim, at_observer])
+    exchange(stops(sim, "sim"), [at_observer])
+    until(lambda: router.connected() == "2 peers, 1 client", router.said)
+
+
 def test_peers_do_without_a_killed_router_and_clients_come_back_to_the_next(place: Place) -> None:
     sim, wbc = place.peer("sim"), place.peer("wbc")
     router = place.router()

@@ -143,3 +143,16 @@ def test_a_wrong_option_is_a_configuration_error(tmp_path: Path) -> None:
     )
     assert ended.returncode == 2
     assert "flush_period" in ended.stderr
+
+
+def test_two_loggers_in_one_directory_are_refused(
+    bus: BusConfig, feed: Feed, tmp_path: Path
+) -> None:
+    with logger(tmp_path, bus.base_port) as first:
+        feed.send_until_recorded(tmp_path / "log.mcap")
+        with logger(tmp_path, bus.base_port + 100) as second:
+            said, _ = second.communicate(timeout=60)
+        assert second.returncode == 1
+        assert "being recorded by another logger" in said
+        assert first.poll() is None
+    assert not (tmp_path / "log-2.mcap").exists()
