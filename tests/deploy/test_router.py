@@ -169,7 +169,7 @@ def test_an_observer_beside_the_robot_hears_who_comes_through_the_router(place: 
     observer, operator = place.peer("observer"), place.client("operator")
     at_sim, at_observer = Ear(place.reader(sim, ESTOP)), Ear(place.reader(observer, ESTOP))
     exchange(stops(operator, "operator"), [at_sim, at_observer])
-    exchange(stops(sim, "sim"), [at_observer])
+    exchange(stops(sim, "sim"), [Ear(place.reader(observer, ESTOP))])
     until(lambda: router.connected() == "2 peers, 1 client", router.said)
 
 
