@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the ledger of a log; exit code 0.
 
     Raises:
-        ConfigError: the span is none.
+        ConfigError: the span is none, or a file cannot be what it is called.
         LoggerError: the log cannot be read.
         DeployError: it has no ledger, or a file cannot be written.
     """
@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     begin, end = arguments.begin, arguments.end
     if not 0.0 <= begin < end:
         raise ConfigError(f"expected 0 <= --from < --until, got {begin:g} and {end:g}")
+    _refuse_unwritable(arguments.csv, arguments.plot)
     path: Path = arguments.log / LOG_FILE if arguments.log.is_dir() else arguments.log
     with _progress(path) as progress:
         table = ledger_table(LogReader(path), begin, end, progress)
@@ -88,6 +89,15 @@ def as_text(log: LogReader) -> str:
     out = io.StringIO()
     Console(file=out, width=140).print(render(ledger_table(log), f"ledger of {log.path}"))
     return out.getvalue()
+
+
+def _refuse_unwritable(table: Path | None, plot: Path | None) -> None:
+    """Say before the log is read, which may take a while, what could not be written afterwards."""
+    if plot is not None and plot.suffix.lower() != ".png":
+        raise ConfigError(f"--plot: expected a name that ends in .png, got {plot}")
+    for path in (table, plot):
+        if path is not None and not path.absolute().parent.is_dir():
+            raise ConfigError(f"cannot write {path}: there is no directory {path.parent}")
 
 
 @contextmanager

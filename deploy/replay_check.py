@@ -32,6 +32,8 @@ SERVICES: Mapping[str, str] = {
     "cameras": "services.sim.cameras:CameraService",
 }
 """What can be replayed: the name of a service and where its class is."""
+SYNTHETIC = "services.teleop.synthetic.service:SyntheticOperator"
+"""Goes by the name of teleop too, but plays no script."""
 UNREPLAYABLE: Mapping[str, str] = {
     "keyboard": "a person's keys do not come over the bus",
 }
@@ -97,12 +99,15 @@ def build(life: Life, settings: Mapping[str, Any] | None = None) -> Service:
     """
     if life.obstacle:
         raise ConfigError(f"it cannot be replayed: {life.obstacle}")
-    module, _, name = SERVICES[life.service].partition(":")
-    kind: type[Service] = getattr(importlib.import_module(module), name)
     try:
         recorded_settings = json.loads(life.settings)
     except json.JSONDecodeError as error:
         raise ConfigError(f"the recorded settings are no JSON: {error}") from error
+    place = SERVICES[life.service]
+    if life.service == "teleop" and "script" not in recorded_settings:
+        place = SYNTHETIC
+    module, _, name = place.partition(":")
+    kind: type[Service] = getattr(importlib.import_module(module), name)
     return kind.from_settings(overlaid(recorded_settings, settings or {}))
 
 

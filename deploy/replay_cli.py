@@ -118,9 +118,14 @@ def run(arguments: argparse.Namespace) -> int:
 
         return play(log_path(arguments.log), PlayOptions.from_arguments(arguments))
     _refuse_given(arguments, ("loop", "topics", "robot", "connect"), "is for publishing only")
-    from deploy.replay_check import CheckOptions, parse_settings
+    from deploy.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
     from deploy.replay_report import check, show_lives
 
+    unknown = set(arguments.service) - SERVICES.keys() - UNREPLAYABLE.keys()
+    if unknown:
+        raise ConfigError(
+            f"--service: expected one of {', '.join(SERVICES)}, got {', '.join(sorted(unknown))}"
+        )
     try:
         if arguments.list:
             return show_lives(log_path(arguments.log))

@@ -90,7 +90,11 @@ def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_wo
 def test_the_process_list_follows_the_options() -> None:
     specs = {s.name: s for s in robot_processes(SystemOptions(mode="rated"), Path("r"))}
     assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
-    assert specs["sim"].args == specs["wbc"].args == ("--torque-mode", "rated")
+    assert specs["wbc"].args == ("--torque-mode", "rated")
+    assert specs["sim"].args == ("--torque-mode", "rated", "--seed", "0")
+    task = robot_processes(SystemOptions(task="door/unlock", seed=7), Path("r"))
+    (plant,) = (spec.args for spec in task if spec.name == "sim")
+    assert plant[2:] == ("--seed", "7", "--task", "door/unlock")
     assert specs["logger"].args == ("--out", "r")
     assert not specs["cameras"].essential
     assert not specs["router"].essential
