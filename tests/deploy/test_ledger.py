@@ -257,7 +257,8 @@ def test_command_writes_table_and_plot(
     [
         (["missing.mcap"], 1, "cannot open the log"),
         (["missing.mcap", "--from", "5", "--until", "4"], 2, "expected 0 <= --from < --until"),
-        (["any.mcap", "--plot", "no/such/dir.png"], 1, "cannot write"),
+        (["any.mcap", "--plot", "no/such/dir.png"], 2, "cannot write"),
+        (["any.mcap", "--plot", "plot.txt"], 2, "ends in .png"),
     ],
 )
 def test_mistakes_are_explained(
