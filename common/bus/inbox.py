@@ -28,7 +28,7 @@ from common.bus.linkspec import LinkSpec
 from common.bus.slot import NEVER, Slot, SlotTools
 from common.errors import TrillError
 from common.schemas import LinkHealth, Message
-from common.topics import Delivery, Topic
+from common.topics import Topic
 
 M = TypeVar("M", bound=Message)
 
@@ -336,8 +336,3 @@ class Inbox:
                 f"({', '.join(self._slots) or 'none'}); add it to the service's `reads`"
             )
         return slot
-
-
-def is_event(topic: Topic[Any]) -> bool:
-    """Whether each message of ``topic`` matters by itself."""
-    return topic.delivery is Delivery.EVENT

@@ -7,20 +7,16 @@ import time
 from types import FrameType
 from typing import Any
 
-import numpy as np
-
 from common.bus.config import BusConfig
 from common.bus.publisher import Publisher
 from common.bus.session import new_boot_id, open_session
 from common.bus.tap import RawTap
 from common.runtime.realtime import DEFAULT_PRIORITY, enter_realtime
-from common.schemas import CameraFrame, JointCommand, Message, PlantState
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_STATE, WBC_COMMAND, Topic
+from studies.faults.robot_load import make_messages
 
 ROBOT = "faults"
 TICK_S = 0.005
-JPEG_BYTES = 30_000
-"""About what a 400×300 picture of the robot's eyes takes."""
 READY = "ready"
 
 _EVERY: tuple[tuple[Topic[Any], int], ...] = (
@@ -44,31 +40,6 @@ class Stop:
         self.asked = True
 
 
-def messages() -> dict[str, Message]:
-    """One message of each kind that is sent."""
-    joints, pair = np.zeros(27), np.zeros(2)
-    names = ("position", "velocity", "acceleration", "torque", "stiffness", "damping")
-    state = PlantState(
-        base_position=np.zeros(3),
-        base_quaternion=np.array([1.0, 0.0, 0.0, 0.0]),
-        base_linear_velocity=np.zeros(3),
-        base_angular_velocity=np.zeros(3),
-        joint_position=joints,
-        joint_velocity=joints,
-        joint_torque=joints,
-        gripper_closure=pair,
-        foot_normal_force=pair,
-    )
-    command = JointCommand.model_validate({"gripper_closure": pair} | dict.fromkeys(names, joints))
-    picture = np.random.default_rng(0).bytes(JPEG_BYTES)
-    left = CameraFrame(eye="left", width=400, height=300, encoding="jpeg", data=picture)
-    eyes = {
-        CAMERA_LEFT.name: left,
-        CAMERA_RIGHT.name: left.model_copy(update={"eye": "right"}),
-    }
-    return {PLANT_STATE.name: state, WBC_COMMAND.name: command, **eyes}
-
-
 def publish(config: BusConfig) -> None:
     """Send what a robot sends until a signal; then print how long each put took, as JSON.
 
@@ -77,7 +48,7 @@ def publish(config: BusConfig) -> None:
     stop = Stop()
     scheduling = enter_realtime(DEFAULT_PRIORITY)
     session: Any = open_session(config, "sim")
-    boot, rows, what = new_boot_id(), [], messages()
+    boot, rows, what = new_boot_id(), [], make_messages("jpeg")
     publishers = {topic.name: Publisher(session, ROBOT, topic, "sim", boot) for topic, _ in _EVERY}
     print(READY, flush=True)
     due, tick = time.monotonic(), 0
@@ -85,7 +56,7 @@ def publish(config: BusConfig) -> None:
         for number, (topic, every) in enumerate(_EVERY):
             if tick % every == 0:
                 started = time.monotonic_ns()
-                publishers[topic.name].send(what[topic.name])
+                publishers[topic.name].send(what[topic.name][0])
                 rows.append((number, started, time.monotonic_ns() - started))
         tick += 1
         due += TICK_S
