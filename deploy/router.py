@@ -9,18 +9,17 @@ services, not they to it, so that it may come last, go first and come back.
 
 import argparse
 import logging
-import signal
 import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from common.bus.config import DEFAULT_BASE_PORT, ROUTER_OFFSET, BusConfig, split_list
 from common.bus.session import open_session
 from common.errors import ConfigError, TrillError
+from common.runtime.stopping import StopSignals
 from deploy.system import bus_of
 
 NAME = "router"
@@ -49,21 +48,6 @@ exit codes: 0 after SIGINT or SIGTERM, 1 when the port cannot be had, 2 for wron
 """
 
 _log = logging.getLogger("trill.router")
-
-
-class Stop:
-    """Whether the process was asked to end."""
-
-    requested = False
-
-    def heed_signals(self) -> None:
-        """Let SIGINT and SIGTERM set it; only possible in the main thread."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
-
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
-        # Nothing that takes a lock: the interrupted code may hold it.
-        self.requested = True
 
 
 def router_config(
@@ -133,8 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Route until a signal; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     arguments = parser().parse_args(argv)
-    stop = Stop()
-    stop.heed_signals()
+    stop = StopSignals().heed()
     try:
         bus = bus_of(arguments.base_port, arguments.config, host=arguments.host)
         route(router_config(bus, arguments.listen, arguments.connect), stop)
@@ -147,17 +130,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def route(config: BusConfig, stop: Stop) -> None:
+def route(config: BusConfig, stop: StopSignals) -> None:
     """Route until ``stop``, saying who comes and goes.
 
     Raises:
         BusError: an endpoint cannot be listened on.
     """
-    session: Any = open_session(config, NAME, lambda: stop.requested)
+    session: Any = open_session(config, NAME, lambda: stop.asked)
     try:
         _log.info("listening on %s", ", ".join(config.listen_endpoints(NAME)))
         shown = ""
-        while not stop.requested:
+        while not stop.asked:
             now = describe([str(transport.whatami) for transport in session.info.transports()])
             if now != shown:
                 _log.info("connected: %s", now)

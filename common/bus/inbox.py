@@ -17,11 +17,10 @@ step comes that finds it, and no thread of its own competes with the step.
 
 import threading
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from math import inf
 from typing import Any, TypeVar, cast
 
 from common.bus.delay import DelayLine, DelayStats
+from common.bus.inputstatus import InputStatus, age_of, health_of, is_fresh, status_of
 from common.bus.linknames import EYES
 from common.bus.links import Links, link_seed
 from common.bus.linkspec import LinkSpec
@@ -31,45 +30,6 @@ from common.schemas import LinkHealth, Message
 from common.topics import Topic
 
 M = TypeVar("M", bound=Message)
-
-_ALIVE_PERIODS = 10.0
-_RATE_TOLERANCE = 0.8
-_STAGE_WINDOW_NS = 2_000_000_000
-
-
-@dataclass(frozen=True)
-class InputStatus:
-    """Health of one input as of the current step; durations in seconds."""
-
-    updated: bool
-    """A good message was taken in this step."""
-    alive: bool
-    """Something arrived within ten nominal periods (for events: ever)."""
-    fresh: bool
-    """The last good message arrived within the topic's ``max_age``."""
-    valid: bool
-    """The last message that arrived was good."""
-    rate_ok: bool
-    """Arrivals come at 80 % of the nominal rate at least (for events: always)."""
-    rate: float
-    """Arrivals per second over the last second."""
-    age: float
-    """Since the last good message arrived; infinity before the first."""
-    received: int
-    gaps: int
-    """Missing by sequence number, so far."""
-    refused: int
-    late: int
-    """Arrived after a newer one of the same publisher; not shown for latest-value topics."""
-    repeated: int
-    """Arrived again; never shown twice."""
-    skipped: int
-    """Let go undecoded because the service did not come to read."""
-    restarts: int
-    """Times a publisher unknown so far appeared after the first."""
-    stale: int
-    """Too old when they arrived, not applied."""
-    last_refusal: str
 
 
 class Inbox:
@@ -180,12 +140,11 @@ class Inbox:
 
     def fresh(self, topic: Topic[Any]) -> bool:
         """Whether the last good message arrived within the topic's ``max_age``."""
-        slot = self._slot(topic)
-        return slot.value is not None and 1e-9 * (self._now - slot.good_ns) <= topic.max_age
+        return is_fresh(self._slot(topic), self._now)
 
     def age(self, topic: Topic[Any]) -> float:
         """Seconds since the last good message arrived (infinity before the first)."""
-        return self._age(self._slot(topic))
+        return age_of(self._slot(topic), self._now)
 
     def events(self, topic: Topic[M]) -> list[M]:
         """Messages of an event topic since the previous step, oldest first."""
@@ -193,61 +152,15 @@ class Inbox:
 
     def status(self, topic: Topic[Any]) -> InputStatus:
         """Everything known about one input as of the current step."""
-        slot = self._slot(topic)
-        rate = slot.rate(self._now)
-        silent = 1e-9 * (self._now - slot.arrival_ns) if slot.received else inf
-        return InputStatus(
-            updated=slot.updated,
-            alive=silent <= (_ALIVE_PERIODS / topic.rate if topic.rate else inf) and silent < inf,
-            fresh=self.fresh(topic),
-            valid=slot.valid,
-            rate_ok=rate >= _RATE_TOLERANCE * topic.rate,
-            rate=rate,
-            age=self._age(slot),
-            received=slot.received + slot.skipped,
-            gaps=slot.gaps,
-            refused=slot.refused,
-            late=slot.late,
-            repeated=slot.repeated,
-            skipped=slot.skipped,
-            restarts=slot.restarts,
-            stale=slot.stale,
-            last_refusal=slot.last_refusal,
-        )
+        return status_of(self._slot(topic), self._now)
 
     def link_health(self) -> list[LinkHealth]:
         """Health of every input, as published in :class:`~common.schemas.ServiceHealth`."""
         return [self._health_of(slot) for slot in self._all]
 
     def _health_of(self, slot: Slot) -> LinkHealth:
-        age = self._age(slot)
-        health = LinkHealth(
-            topic=slot.topic.name,
-            received=slot.received + slot.skipped,
-            rate=slot.rate(self._now),
-            age=-1.0 if age == inf else max(0.0, age),
-            gaps=slot.gaps,
-            late=slot.late,
-            repeated=slot.repeated,
-            skipped=slot.skipped,
-            stale=slot.stale,
-            refused=slot.refused,
-            last_refusal=slot.last_refusal,
-        )
-        more: dict[str, Any] = {}
-        if self._journal is not None:
-            more["stages"] = self._journal.stages(slot.topic.name, self._now - _STAGE_WINDOW_NS)
-        if slot.line is not None:
-            stats = slot.line.stats()
-            more |= {
-                "link": self.link_of(slot.topic.name)[:200],
-                "requested_mean": stats.requested_mean,
-                "requested_p99": stats.requested_p99,
-                "achieved_mean": stats.achieved_mean,
-                "achieved_p99": stats.achieved_p99,
-                "lost": stats.lost,
-            }
-        return health.model_copy(update=more)
+        link = self.link_of(slot.topic.name) if slot.line is not None else ""
+        return health_of(slot, self._now, self._journal, link)
 
     def set_link(self, topic_name: str, spec: LinkSpec | None) -> None:
         """Change the link in front of an input from now on; None: no delay any more.
@@ -324,9 +237,6 @@ class Inbox:
         for slot in self._linked:
             if slot.release(now_ns):
                 self._arrived = True
-
-    def _age(self, slot: Slot) -> float:
-        return 1e-9 * (self._now - slot.good_ns) if slot.value is not None else inf
 
     def _slot(self, topic: Topic[Any]) -> Slot:
         slot = self._slots.get(topic.name)

@@ -2,10 +2,8 @@
 
 import gc
 import logging
-import signal
 import threading
 import time
-from types import FrameType
 from typing import Any
 
 from common.bus.config import BusConfig
@@ -26,6 +24,7 @@ from common.runtime.loopstats import LoopStats
 from common.runtime.outlets import Outlets
 from common.runtime.pacing import ClockPace, TriggerPace
 from common.runtime.service import Service
+from common.runtime.stopping import StopSignals
 from common.schemas import ServiceHealth
 from common.topics import HEALTH, JOURNAL
 
@@ -68,7 +67,7 @@ class LiveRunner:
         self._links = links or Links()
         self._runtime = runtime or RuntimeConfig()
         self._realtime = realtime
-        self._stopping = False
+        self._stop = StopSignals()
         self._journal = Journal(service.name, service.settings)
         self._stats = LoopStats(service, realtime)
         clocks = Clocks()
@@ -97,7 +96,7 @@ class LiveRunner:
 
     def stop(self) -> None:
         """End :meth:`run` after the current step, from any thread."""
-        self._stopping = True
+        self._stop.asked = True
         self.inbox.wake()
 
     def run(self) -> int:
@@ -107,9 +106,10 @@ class LiveRunner:
             exit code: 0 when stopped, the service's own if it set one, 1 after an error (logged
             with its traceback).
         """
-        self._handle_signals()
+        if threading.current_thread() is threading.main_thread():
+            self._stop.heed()
         try:
-            session: Any = open_session(self._bus, self._service.name, lambda: self._stopping)
+            session: Any = open_session(self._bus, self._service.name, lambda: self._stop.asked)
         except BusError as error:
             _log.error("%s", error)
             self._service.close()
@@ -208,7 +208,7 @@ class LiveRunner:
 
     def _loop_on_trigger(self, pace: TriggerPace) -> None:
         inbox = self.inbox
-        while not self._stopping:
+        while not self._stop.asked:
             now = time.monotonic_ns()
             arrival = inbox.trigger_arrival(now)
             if arrival is None or not pace.accepts(arrival):
@@ -236,7 +236,7 @@ class LiveRunner:
     def _sleep_until(self, due_ns: int) -> bool:
         """Sleep, the last part awake; False if the service is to stop."""
         spin_ns = 1000 * self._runtime.spin_us
-        while not self._stopping:
+        while not self._stop.asked:
             now = time.monotonic_ns()
             left = due_ns - now
             if left <= 0:
@@ -254,7 +254,7 @@ class LiveRunner:
         self._outlets.publish(self._service.step(self.inbox, now_ns), now_ns)
         self._journal.end(time.monotonic_ns())
         if self._service.exit_code is not None:
-            self._stopping = True
+            self._stop.asked = True
 
     def _between_steps(self, now_ns: int) -> None:
         """Tend the aides, publish health twice a second and collect garbage once."""
@@ -274,15 +274,3 @@ class LiveRunner:
         for aide in self._aides.all:
             more |= aide.report()
         return self._stats.health(self.inbox).model_copy(update=more)
-
-    def _handle_signals(self) -> None:
-        """Stop on SIGINT and SIGTERM; only possible in the main thread."""
-        if threading.current_thread() is not threading.main_thread():
-            return
-
-        def handle(_signal: int, _frame: FrameType | None) -> None:
-            # Only this: waking the loop takes a lock that the interrupted code may hold.
-            self._stopping = True
-
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, handle)

@@ -13,9 +13,10 @@ from common.bus.config import split_list
 from common.errors import ConfigError, TrillError, explain
 from common.runtime.main import argument_parser, load_settings
 from common.runtime.realtime import enter_realtime
+from common.runtime.stopping import StopSignals
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
-from services.logger.service import LoggerService, Order, Stopper, record
+from services.logger.service import LoggerService, Order, record
 from services.logger.tally import format_report
 from services.logger.units import parse_duration, parse_size
 
@@ -111,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Record; exit code 0 after a signal, 1 after an error, 2 for a wrong configuration."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s")
     arguments = parser().parse_args(argv)
-    stopper = Stopper()
+    stop = StopSignals().heed()
     try:
         bus, _, runtime, table = load_settings(arguments, LoggerService.name)
         config = settings_of(arguments, table)
@@ -125,7 +126,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             live=sys.stderr.isatty(),
             realtime=enter_realtime(runtime.rt_priority),
         )
-        report = record(order, lambda: stopper.stopped)
+        report = record(order, lambda: stop.asked)
     except ConfigError as error:
         print(f"logger: {error}", file=sys.stderr)
         return 2

@@ -6,13 +6,11 @@ It listens to everything, answers questions about itself, and publishes nothing 
 import logging
 import os
 import secrets
-import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 from common.bus.config import BusConfig
@@ -62,19 +60,6 @@ class LoggerService(Service):
         if self._recorder.error is not None:
             self.exit_code = 1
         return ()
-
-
-class Stopper:
-    """Notices SIGINT and SIGTERM without interrupting what is being done."""
-
-    def __init__(self) -> None:
-        """Take over both signals; only possible in the main thread."""
-        self.stopped = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._note)
-
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
-        self.stopped = True
 
 
 @dataclass(frozen=True)

@@ -7,14 +7,12 @@ journal, so that a recording can be compared with it.
 
 import argparse
 import heapq
-import signal
 import struct
 import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -24,6 +22,7 @@ from common.bus.describe import SchemaServer
 from common.bus.publisher import Publisher
 from common.bus.session import new_boot_id, open_session
 from common.runtime.realtime import DEFAULT_PRIORITY, enter_realtime
+from common.runtime.stopping import StopSignals
 from common.schemas import (
     CameraFrame,
     ControllerState,
@@ -164,8 +163,8 @@ def _picture(rng: np.random.Generator, kind: str) -> CameraFrame:
 class Load:
     """Publishes at the table's rates until stopped."""
 
-    def __init__(self, bus: BusConfig, pictures: str) -> None:
-        """Open the bus as the plant would."""
+    def __init__(self, bus: BusConfig, pictures: str, stop: StopSignals) -> None:
+        """Open the bus as the plant would; ``stop`` ends :meth:`run`."""
         self._session: Any = open_session(bus, "sim")
         boot = new_boot_id()
         self._messages = make_messages(pictures)
@@ -175,7 +174,7 @@ class Load:
         self._schemas = SchemaServer(bus.robot, "load", [topic for topic, _ in RATES])
         self._schemas.open(self._session)
         self._marks = 0
-        self.stopping = False
+        self._stop = stop
 
     def run(self, journal: Path, seconds: float = float("inf")) -> None:
         """Publish and write down what was sent."""
@@ -184,7 +183,7 @@ class Load:
         heapq.heapify(due)
         flush_at = start
         with journal.open("wb") as stream:
-            while not self.stopping and due[0][0] < start + seconds:
+            while not self._stop.asked and due[0][0] < start + seconds:
                 at, place = due[0]
                 now = time.monotonic()
                 if now < at:
@@ -232,13 +231,8 @@ def main(argv: list[str] | None = None) -> int:
     arguments = parser.parse_args(argv)
     # As the robot's services, so that what is lost is the recorder's doing.
     enter_realtime(DEFAULT_PRIORITY)
-    load = Load(BusConfig(base_port=arguments.base_port), arguments.pictures)
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        load.stopping = True
-
-    signal.signal(signal.SIGINT, stop)
-    signal.signal(signal.SIGTERM, stop)
+    bus = BusConfig(base_port=arguments.base_port)
+    load = Load(bus, arguments.pictures, StopSignals().heed())
     try:
         load.run(arguments.journal, arguments.seconds)
     finally:

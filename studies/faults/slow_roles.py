@@ -1,10 +1,8 @@
 """The processes of :mod:`studies.faults.slow_subscriber`: a publisher and its readers."""
 
 import json
-import signal
 import sys
 import time
-from types import FrameType
 from typing import Any
 
 from common.bus.config import BusConfig
@@ -12,6 +10,7 @@ from common.bus.publisher import Publisher
 from common.bus.session import new_boot_id, open_session
 from common.bus.tap import RawTap
 from common.runtime.realtime import DEFAULT_PRIORITY, enter_realtime
+from common.runtime.stopping import StopSignals
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_STATE, WBC_COMMAND, Topic
 from studies.faults.robot_load import make_messages
 
@@ -28,24 +27,12 @@ _EVERY: tuple[tuple[Topic[Any], int], ...] = (
 """Topic, and in which of how many ticks it is sent."""
 
 
-class Stop:
-    """Set by SIGTERM and SIGINT."""
-
-    def __init__(self) -> None:
-        self.asked = False
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._note)
-
-    def _note(self, _number: int, _frame: FrameType | None) -> None:
-        self.asked = True
-
-
 def publish(config: BusConfig) -> None:
     """Send what a robot sends until a signal; then print how long each put took, as JSON.
 
     Each row: topic's number in the table, start [ns, monotonic], duration [ns].
     """
-    stop = Stop()
+    stop = StopSignals().heed()
     scheduling = enter_realtime(DEFAULT_PRIORITY)
     session: Any = open_session(config, "sim")
     boot, rows, what = new_boot_id(), [], make_messages("jpeg")
@@ -67,7 +54,7 @@ def publish(config: BusConfig) -> None:
 
 def read(config: BusConfig, nap_s: float) -> None:
     """Read everything until a signal, after each message asleep for a while; print the counts."""
-    stop = Stop()
+    stop = StopSignals().heed()
     session: Any = open_session(config, "reader")
     if nap_s > 0.0:
         subscriber = session.declare_subscriber(f"{ROBOT}/**", lambda _: time.sleep(nap_s))
