@@ -6,7 +6,6 @@ from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
-from common.bus.links import parse_link_options
 from common.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -51,7 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     made = parser.add_argument_group("what an episode is made from")
     made.add_argument("--traits", default="practised", help="of the operator: practised, steady")
     made.add_argument(
-        "--link", action="append", default=[], metavar="NAME=SPEC", help="as both=250ms"
+        "--link",
+        action="append",
+        default=[],
+        metavar="NAME=SPEC",
+        help="as both=250ms; replaces the task's own link (twin/: command=paper); none: no link",
     )
     made.add_argument("--torque-mode", default="relaxed", help="relaxed (standard) or rated")
     made.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
@@ -139,6 +142,7 @@ def _reindex(root: Path) -> int:
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
     from services.teleop.synthetic.traits import TRAITS
     from studies.collect.recipe import Recipe
+    from studies.tasks.links import chosen_links
 
     if arguments.traits not in TRAITS:
         raise ConfigError(f"--traits: expected {' or '.join(TRAITS)}, got {arguments.traits!r}")
@@ -147,7 +151,7 @@ def _recipe(arguments: argparse.Namespace) -> "Recipe":
         for name in ("task", "torque_mode", "pace", "raw_hands", "physics_steps", "keep_failures")
     }
     values["traits"] = TRAITS[arguments.traits]
-    values["links"] = parse_link_options(arguments.link)
+    values["links"] = chosen_links(arguments.link)
     eyes = {name: getattr(arguments, name) for name in ("width", "height", "quality")}
     return Recipe.checked(values | {"eyes": None if arguments.no_images else eyes})
 

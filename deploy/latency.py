@@ -1,6 +1,7 @@
 """Delays as a person gives them: checked, foretold, and handed to the services of a system."""
 
 import os
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,8 @@ from common.bus.predict import advice, predict
 from common.errors import ConfigError
 from common.topics import ALL_TOPICS, WBC_COMMAND, Topic
 
+NO_LINK = "none"
+"""For ``--latency``: not even the task's own link."""
 _ARRIVALS = 16_000
 _GUARD = (
     f"{WBC_COMMAND.name} moves the robot: the plant's guard holds it when a joint command is "
@@ -61,6 +64,59 @@ def warnings(links: Mapping[str, LinkSpec | None]) -> list[str]:
             if warning := advice(worst):
                 said.append(f"{text}: {warning}")
     return said
+
+
+def chosen_links(options: list[str]) -> str:
+    """Check ``--latency`` options, warn of what will not be as it says, return ``TRILL_LINKS``.
+
+    Raises:
+        ConfigError: an option is wrong.
+    """
+    if not options:
+        return ""
+    text = links_text(options)
+    for warning in warnings(Links.from_variable(text).table):
+        print(f"trill: {warning}", file=sys.stderr)
+    return variable_with(text)
+
+
+def system_links(options: list[str], own: Mapping[str, str], config: Path | None) -> str:
+    """``TRILL_LINKS`` for a system with a task, of whose own link is said what becomes of it.
+
+    Args:
+        options: those of ``--latency``.
+        own: links of the task itself; they hold unless others are given: here, in the variable
+            or in the file.
+        config: TOML file for the whole stack; None: that of ``TRILL_CONFIG``, if any.
+
+    Raises:
+        ConfigError: an option or the file is wrong.
+    """
+    off = options == [NO_LINK]
+    if not own:
+        return "" if off else chosen_links(options)
+    words = "; ".join(f"{name}={spec}" for name, spec in own.items())
+    if off:
+        print(f"link of this task: {words}; switched off")
+        return ""
+    if options or links_given(config):
+        print(f"link of this task: {words}; replaced by the links given")
+        return chosen_links(options)
+    print(f"link of this task: {words}; --latency {NO_LINK} switches it off")
+    return chosen_links([f"{name}={spec}" for name, spec in own.items()])
+
+
+def links_given(config: Path | None, environment: Mapping[str, str] | None = None) -> bool:
+    """Whether ``TRILL_LINKS`` or the file for the whole stack has links.
+
+    Raises:
+        ConfigError: the file cannot be read.
+    """
+    variables = os.environ if environment is None else environment
+    named = variables.get("TRILL_CONFIG")
+    path = config or (Path(named) if named else None)
+    there = variables.get("TRILL_LINKS", "").strip()
+    return bool(there or (path and read_config_file(path).get("links")))
 
 
 def topics_of(name: LinkName) -> list[Topic[Any]]:

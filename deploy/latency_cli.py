@@ -9,7 +9,7 @@ from typing import Any
 
 from common.bus.config import BusConfig, split_list
 from common.bus.linknames import LinkName, alias_help, parse_name
-from common.bus.links import Links, checked_spec
+from common.bus.links import checked_spec
 from common.bus.linkspec import PRESETS, LinkSpec
 from common.errors import ConfigError
 from deploy.errors import DeployError
@@ -106,24 +106,8 @@ def add_latency_option(parser: argparse.ArgumentParser) -> None:
         metavar="NAME=SPEC",
         help="inject a delay, e.g. command=250ms or 'camera=normal(122ms, 190ms) loss=1%%', or "
         "those of a TOML file's table [links]; may be given several times; see trill latency "
-        "--help",
+        "--help. A task's own link holds unless links are given; 'none' switches it off",
     )
-
-
-def chosen_links(options: list[str]) -> str:
-    """Check ``--latency`` options, warn of what will not be as it says, return ``TRILL_LINKS``.
-
-    Raises:
-        ConfigError: an option is wrong.
-    """
-    if not options:
-        return ""
-    from deploy.latency import links_text, variable_with, warnings
-
-    text = links_text(options)
-    for warning in warnings(Links.from_variable(text).table):
-        print(f"trill: {warning}", file=sys.stderr)
-    return variable_with(text)
 
 
 def _reach(parser: argparse.ArgumentParser) -> None:

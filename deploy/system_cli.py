@@ -81,10 +81,13 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
+    from deploy.latency import system_links
+
+    own: dict[str, str] = {}
     if arguments.task is not None:
         from services.sim.tasks import find_task
 
-        find_task(arguments.task)
+        own = find_task(arguments.task).links
     return SystemOptions(
         mode=arguments.mode,
         cameras=not arguments.no_cameras,
@@ -93,7 +96,7 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
         restart=restart,
         task=arguments.task,
         seed=arguments.seed,
-        links=latency_cli.chosen_links(arguments.latency),
+        links=system_links(arguments.latency, own, arguments.config),
     )
 
 

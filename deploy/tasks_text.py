@@ -6,6 +6,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from common.bus.linkspec import PRESETS
 from services.sim.scenes import SCENES
 from services.sim.tasks import Task, all_tasks
 from services.sim.tasks.touch import thing_of
@@ -46,7 +47,7 @@ def describe(task: Task) -> str:
         "partial     the goal with an undesired contact, or some part of the task in time",
         "failure     a fall, or nothing done in time"
         + "".join(f", or: {wrong.name}" for wrong in task.wrongs),
-        f"conditions  {noise}" + (f"; link preset: {task.link}" if task.link else ""),
+        f"conditions  {noise}" + _own_link(task),
         f"origin      {task.origin}",
         "",
         "stages, the last is the goal:",
@@ -59,6 +60,14 @@ def describe(task: Task) -> str:
         f"operators see: {', '.join((*task.objects, *task.joints, *task.marks))}",
     ]
     return "\n".join(lines)
+
+
+def _own_link(task: Task) -> str:
+    if not task.link:
+        return "; no link of its own"
+    links = "; ".join(f"{name}={spec}" for name, spec in task.links.items())
+    meant = PRESETS.get(task.link)
+    return f"; link: {links}{f', that is {meant},' if meant else ''} unless others are given"
 
 
 def _undesired(task: Task) -> list[str]:

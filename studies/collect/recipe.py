@@ -5,13 +5,14 @@ from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from common.bus.links import Links
 from common.errors import ConfigError, explain
 from services.sim.cameras import CameraConfig
 from services.sim.tasks import find_task
 from services.teleop.synthetic.traits import OperatorTraits
+from studies.tasks.links import links_used
 from studies.tasks.stack import TrialSpec
 
 PACKAGES = (
@@ -41,7 +42,8 @@ class Recipe(BaseModel):
     Attributes:
         task: for instance ``door/unlock``.
         traits: of the synthetic operator.
-        links: injected delays by name, as ``{"both": "250ms"}``.
+        links: injected delays by name, as ``{"both": "250ms"}``; if not given, or None, the
+            task's own is put here.
         torque_mode: torque limits of plant and controller.
         pace: of the gaits; empty: as the torque mode has it.
         raw_hands: no interpolation of the hand set-points.
@@ -61,6 +63,14 @@ class Recipe(BaseModel):
     physics_steps: int = Field(default=1, ge=1, le=5)
     eyes: Eyes | None = Eyes()
     keep_failures: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_link(cls, values: Any) -> Any:
+        if not isinstance(values, Mapping) or values.get("links") is not None:
+            return values
+        task = values.get("task")
+        return {**values, "links": links_used(task, None)} if isinstance(task, str) else values
 
     @field_validator("links")
     @classmethod

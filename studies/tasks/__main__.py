@@ -6,18 +6,21 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
-from common.bus.links import Links, parse_link_options
 from common.errors import TrillError
+from common.runtime.main import OptionFormatter
 from services.sim.tasks import all_tasks
 from services.teleop.synthetic.traits import TRAITS
+from studies.tasks.links import HELP, chosen_links
 from studies.tasks.stack import TrialResult, TrialSpec, run_trial
 from studies.tasks.table import line, summary, write_json
 
 EXAMPLES = """examples:
   python -m studies.tasks run door/unlock --seeds 0:25 --jobs 2
   python -m studies.tasks run bench/hammer --seeds 3 --link both=250ms
+  python -m studies.tasks run twin/tool --seeds 3 --link none      without the task's own link
   python -m studies.tasks run all --seeds 0:10 --out runs/studies/tasks.json
 
+A task may have a link of its own (the twin/ tasks: command=paper); it holds unless --link is given.
 The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong.
 """
 
@@ -51,10 +54,10 @@ def parser() -> argparse.ArgumentParser:
         "run",
         help="run trials and print a table",
         description="Run trials of one task (or all) and print success, partial and failure.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=OptionFormatter,
     )
     run.add_argument("task", choices=["all", *all_tasks()], help="which task")
-    run.add_argument("--seeds", type=seed_range, default=range(5), help="for instance 0:25")
+    run.add_argument("--seeds", type=seed_range, default="0:5", help="for instance 0:25")
     run.add_argument("--jobs", type=int, default=1, help="trials at a time")
     run.add_argument("--out", type=Path, help="write the results as JSON")
     _trial_options(run)
@@ -62,7 +65,7 @@ def parser() -> argparse.ArgumentParser:
         "film",
         help="run one trial and write a sheet of pictures",
         description="Run one trial and write evenly spaced moments of it as a PNG.",
-        formatter_class=argparse.ArgumentDefaultsHelpFormatter,
+        formatter_class=OptionFormatter,
     )
     film.add_argument("task", choices=list(all_tasks()), help="which task")
     film.add_argument("--seeds", type=seed_range, default=range(1), help="one seed", metavar="SEED")
@@ -82,7 +85,7 @@ def _trial_options(run: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="NAME=SPEC",
-        help="delay a link: command, feedback, both or a topic, e.g. both=250ms",
+        help=HELP,
     )
     run.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
     run.add_argument("--torque-mode", choices=["relaxed", "rated"], default="relaxed")
@@ -98,8 +101,7 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
     Raises:
         ConfigError: a link is not understood.
     """
-    links = parse_link_options(arguments.link)
-    Links.from_table(links)
+    links = chosen_links(arguments.link)
     tasks = list(all_tasks()) if arguments.task == "all" else [arguments.task]
     return [
         TrialSpec(
@@ -161,7 +163,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     print(summary(results))
     if arguments.out is not None:
-        write_json(results, arguments.out, arguments.link)
+        write_json(results, arguments.out)
     return 0 if all(result.verdict == "success" for result in results) else 1
 
 

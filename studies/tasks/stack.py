@@ -14,6 +14,7 @@ from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.teleop.synthetic.traits import OperatorTraits
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
+from studies.tasks.links import links_used
 
 AFTER = 0.5
 """Run on after the verdict [s]."""
@@ -27,7 +28,8 @@ class TrialSpec:
         task: for instance ``door/unlock``.
         seed: of start, noise, links and operator alike.
         traits: of the operator.
-        links: delays by name, for instance ``{"both": "250ms"}``.
+        links: delays by name, for instance ``{"both": "250ms"}``; none beside them. None: the
+            task's own.
         mode: torque limits of plant and controller.
         pace: of the gaits, as in :func:`services.wbc.config.wbc_config`.
         raw_hands: no interpolation of the hand set-points.
@@ -37,7 +39,7 @@ class TrialSpec:
     task: str
     seed: int
     traits: OperatorTraits = field(default_factory=OperatorTraits)
-    links: Mapping[str, str] = field(default_factory=dict)
+    links: Mapping[str, str] | None = None
     mode: Literal["relaxed", "rated"] = "relaxed"
     pace: str = ""
     raw_hands: bool = False
@@ -59,6 +61,7 @@ class TrialResult:
         stages: names of the stages done.
         simulated: robot time run in all [s].
         wall: time it took [s].
+        links: delays it ran under.
     """
 
     task: str
@@ -71,6 +74,7 @@ class TrialResult:
     stages: tuple[str, ...]
     simulated: float
     wall: float
+    links: Mapping[str, str] = field(default_factory=dict)
 
 
 class TaskStack:
@@ -80,11 +84,15 @@ class TaskStack:
         spec: as given.
         plant: the plant's service.
         operator: the synthetic operator.
+        links: the delays it runs under.
         runner: hosts them.
         status: last status of the task.
     """
 
-    def __init__(self, spec: TrialSpec, *, record: bool = False) -> None:
+    def __init__(
+        self, spec: TrialSpec, *, record: bool = False, journal: bool | None = None
+    ) -> None:
+        """Set the stage; ``record`` and ``journal`` as the runner has them."""
         self.spec = spec
         self.plant = PlantService(
             SimConfig(
@@ -99,11 +107,13 @@ class TaskStack:
         self.operator = SyntheticOperator(
             SyntheticConfig(task=spec.task, seed=spec.seed, traits=spec.traits, stay=True)
         )
+        self.links = links_used(spec.task, spec.links)
         self.runner = SimTimeRunner(
             [self.plant, self.wbc, self.operator],
             seed=spec.seed,
-            links=dict(spec.links),
+            links=self.links,
             record=record,
+            journal=journal,
         )
         self.status: TaskStatus | None = None
         self.runner.on_message(TASK_STATUS, self._hear)
@@ -135,6 +145,7 @@ class TaskStack:
             stages=tuple(stage.name for stage in self.status.stages if stage.done),
             simulated=self.runner.now_ns * 1e-9,
             wall=perf_counter() - began,
+            links=self.links,
         )
 
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from studies.tasks.links import links_words
 from studies.tasks.stack import TrialResult
 
 
@@ -23,8 +24,8 @@ def line(result: TrialResult) -> str:
 def summary(results: Sequence[TrialResult]) -> str:
     """A table with a row a task, then what was not a success and why."""
     rows = [
-        "| task | trials | success | partial | failure | time of successes [s] | real time |",
-        "|---|---|---|---|---|---|---|",
+        "| task | link | trials | success | partial | failure | time of successes [s] | speed |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for task in dict.fromkeys(result.task for result in results):
         rows.append(_row(task, [result for result in results if result.task == task]))
@@ -43,19 +44,19 @@ def _row(task: str, results: Sequence[TrialResult]) -> str:
     spread = (
         f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else ""
     )
+    links = ", ".join(dict.fromkeys(links_words(result.links) for result in results))
     speed = sum(r.simulated for r in results) / max(1e-9, sum(r.wall for r in results))
     return (
-        f"| {task} | {len(results)} | {count['success']} | {count['partial']} "
+        f"| {task} | {links} | {len(results)} | {count['success']} | {count['partial']} "
         f"| {count['failure']} | {spread} | {speed:.2f} x |"
     )
 
 
-def write_json(results: Sequence[TrialResult], path: Path, links: Sequence[str]) -> None:
-    """Write every trial, with the links they ran under."""
+def write_json(results: Sequence[TrialResult], path: Path) -> None:
+    """Write every trial, with the links it ran under."""
     path.parent.mkdir(parents=True, exist_ok=True)
     content = {
         "operator": "synthetic",
-        "links": list(links),
         "trials": [asdict(result) for result in results],
     }
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")

@@ -19,7 +19,7 @@ from common.bus.links import Links
 from common.bus.session import open_session
 from common.errors import ConfigError
 from deploy.cli import main
-from deploy.latency import links_text, variable_with, warnings
+from deploy.latency import links_text, system_links, variable_with, warnings
 from deploy.system import environment
 from tests.bus.support import free_base_port
 
@@ -46,6 +46,36 @@ def test_latency_goes_to_the_services_over_what_is_there() -> None:
     assert str(links.of("keyboard", "camera/left")) == "6ms"
     assert variable_with("command=1ms", {}) == "command=1ms"
     assert "TRILL_LINKS" not in environment(7448, None)
+
+
+def test_a_tasks_own_link_holds_unless_links_are_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delenv("TRILL_LINKS", raising=False)
+    monkeypatch.delenv("TRILL_CONFIG", raising=False)
+    own = {"command": "paper"}
+    bare, with_links = tmp_path / "bare.toml", tmp_path / "links.toml"
+    bare.write_text("[wbc]\npace = 'fast'\n")
+    with_links.write_text("[links]\ncamera = '1ms'\n")
+
+    assert system_links([], own, None) == system_links([], own, bare) == "command=paper"
+    assert "command=paper; --latency none switches it off" in capsys.readouterr().out
+    assert system_links(["none"], own, None) == ""
+    assert "switched off" in capsys.readouterr().out
+    assert system_links(["camera=5ms"], own, None) == "camera=5ms"
+    assert system_links([], own, with_links) == ""
+    monkeypatch.setenv("TRILL_CONFIG", str(with_links))
+    assert system_links([], own, None) == ""
+    monkeypatch.setenv("TRILL_CONFIG", str(bare))
+    monkeypatch.setenv("TRILL_LINKS", "camera=2ms")
+    assert system_links([], own, None) == ""
+    said = capsys.readouterr().out
+    assert said.count("replaced by the links given") == 4
+
+    monkeypatch.delenv("TRILL_LINKS")
+    assert system_links([], {}, None) == system_links(["none"], {}, None) == ""
+    assert system_links(["camera=5ms"], {}, None) == "camera=5ms"
+    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize("command", ["up", "demo", "drive"])

@@ -4,8 +4,13 @@ from functools import cache
 
 import pytest
 
-from common.schemas import TaskVerdict
+from common.bus.linkspec import LinkSpec
+from common.errors import ConfigError
+from common.schemas import LinkChange, TaskVerdict
+from common.topics import LINK_CHANGE
+from services.sim.tasks import find_task
 from studies.tasks.__main__ import main, seed_range
+from studies.tasks.links import chosen_links
 from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
 from studies.tasks.table import line, summary
 
@@ -14,7 +19,7 @@ from studies.tasks.table import line, summary
 def unlocked(seed: int, repeat: int = 0, link: str = "") -> tuple[TrialResult, str]:
     """One door; ``repeat`` sets repetitions of the same trial apart."""
     assert repeat >= 0
-    links = {"both": link} if link else {}
+    links = {"both": link} if link else None
     stack = TaskStack(TrialSpec("door/unlock", seed, links=links, physics_steps=5), record=True)
     return stack.run(), stack.runner.digest()
 
@@ -41,7 +46,10 @@ def test_with_a_quarter_of_a_second_each_way_it_takes_longer() -> None:
 
 def result(seed: int, verdict: TaskVerdict, time: float) -> TrialResult:
     name = verdict.name.lower()
-    return TrialResult("door/walk", seed, name, time, f"it was a {name}", "", "", (), 10.0, 5.0)
+    return TrialResult(
+        *("door/walk", seed, name, time, f"it was a {name}", "", "", (), 10.0, 5.0),
+        links={"both": "250ms"} if seed else {},
+    )
 
 
 def test_the_table_counts_and_gives_reasons() -> None:
@@ -52,7 +60,7 @@ def test_the_table_counts_and_gives_reasons() -> None:
             result(2, TaskVerdict.FAILURE, 70.0),
         ]
     )
-    assert "| door/walk | 3 | 2 | 0 | 1 | 7.0 (5.0 to 9.0) | 2.00 x |" in table
+    assert "| door/walk | none, both=250ms | 3 | 2 | 0 | 1 | 7.0 (5.0 to 9.0) | 2.00 x |" in table
     assert "1 x door/walk failure: it was a failure" in table
 
 
@@ -62,6 +70,38 @@ def test_seeds_are_one_or_a_range() -> None:
     with pytest.raises(SystemExit) as stop:
         main(["run", "door/unlock", "--seeds", "5:2"])
     assert stop.value.code == 2
+
+
+def injected(task: str, links: dict[str, str] | None) -> dict[str, str]:
+    """What the runner of a trial really delays: ``consumer:topic`` to specification."""
+    stack = TaskStack(TrialSpec(task, 0, links=links, physics_steps=5))
+    told: list[LinkChange] = []
+    stack.runner.on_message(LINK_CHANGE, told.append)
+    try:
+        stack.runner.run_for(0.05)
+    finally:
+        stack.runner.close()
+    assert stack.links == (find_task(task).links if links is None else links)
+    return {f"{change.service}:{change.topic}": change.link for change in told}
+
+
+def test_a_twin_task_has_its_own_link_unless_others_are_given() -> None:
+    paper = str(LinkSpec.parse("paper"))
+    assert injected("twin/tool", None) == {
+        "wbc:teleop/setpoint": paper,
+        "wbc:teleop/gait": paper,
+    }
+    assert injected("twin/tool", {}) == {}
+    assert set(injected("twin/tool", {"command": "40ms"}).values()) == {"40ms"}
+    assert injected("door/unlock", None) == {}
+
+
+def test_link_options_replace_the_own_link_and_none_switches_it_off() -> None:
+    assert chosen_links([]) is None
+    assert chosen_links(["none"]) == {}
+    assert chosen_links(["both=1ms", "command=2ms"]) == {"both": "1ms", "command": "2ms"}
+    with pytest.raises(ConfigError, match="expected 'none' or links, got both"):
+        chosen_links(["none", "both=1ms"])
 
 
 def test_a_wrong_link_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -210,7 +210,8 @@ class Task:
         joints: hinges and slides of the scene to watch and to report.
         marks: places that do not move; ``goal`` among them.
         noise: of the measured state, unless the plant's configuration says otherwise.
-        link: preset of the communication between operator and robot that belongs to the task.
+        link: delay on the way from operator to robot that belongs to the task, unless links are
+            given, see :attr:`links`; empty: none.
         origin: where start and rule are from.
     """
 
@@ -229,6 +230,11 @@ class Task:
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     link: str = ""
     origin: str = ""
+
+    @property
+    def links(self) -> dict[str, str]:
+        """Its own link by name; empty: none."""
+        return {"command": self.link} if self.link else {}
 
 
 def pairs(parts: tuple[str, ...], *things: str) -> frozenset[Pair]:
