@@ -1,0 +1,1 @@
+"""Collected demonstrations as data sets that other projects' loaders read."""
