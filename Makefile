@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite links faults fuzz bench lint setup clean
+.PHONY: help demo drive top test suite study links faults fuzz bench lint setup clean
 
 help: ## say what there is
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -26,6 +26,9 @@ test: $(STAMP) ## unit and integration tests, a few minutes
 
 suite: $(STAMP) ## every promise about standing, walking and reaching, ten minutes
 	$(BIN)/python -m studies.walking $(ARGS)
+
+study: $(STAMP) ## the latency study with the synthetic operator, resumable; hours on two cores
+	$(BIN)/trill study latency $(ARGS)
 
 links: $(STAMP) ## injected delays, asked for against achieved, live and in simulated time
 	$(BIN)/python -m studies.links $(ARGS)

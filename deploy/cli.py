@@ -13,6 +13,7 @@ from deploy import (
     ledger_cli,
     logs_cli,
     replay_cli,
+    study_cli,
     system_cli,
     tasks_cli,
 )
@@ -138,6 +139,7 @@ COMMANDS = (
     _Command(*latency_cli.ENTRY),
     _Command(*tasks_cli.ENTRY),
     _Command(*collect_cli.ENTRY),
+    _Command(*study_cli.ENTRY),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
     ),

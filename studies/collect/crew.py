@@ -3,26 +3,14 @@
 Both are given one seed at a time and answer with a future, so that the same loop drives both.
 """
 
-import contextlib
-import os
-import signal
 import socket
-import threading
-from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import connection, get_context, parent_process
+from concurrent.futures import Future
 from typing import Any, Protocol
 
-from studies.collect.episode import Made, Stop, make_episode
+from studies.collect.episode import Made, make_episode
 from studies.collect.errors import CollectError
 from studies.collect.recipe import Recipe
-
-ENVIRONMENT = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
-)
-"""One thread a worker: the parallelism is in the episodes, and sums come out the same anywhere."""
-
+from studies.workers import ENVIRONMENT, Workers, the_stop
 
 _PATIENCE = 10.0
 """With a cluster that does not answer [s]."""
@@ -48,70 +36,27 @@ class Crew(Protocol):
         ...
 
 
-_stop: Stop | None = None
-
-
-def _prepare(stop: Stop) -> None:
-    """A worker begins; it never outlives its parent."""
-    global _stop  # noqa: PLW0603
-    _stop = stop
-    threading.Thread(target=_follow_parent, daemon=True).start()
-
-
-def _follow_parent() -> None:
-    # A pool's workers wait for work for ever if their parent is killed.
-    parent = parent_process()
-    if parent is not None:
-        connection.wait([parent.sentinel])
-        os._exit(1)
-
-
 def _work(recipe: Recipe, seed: int) -> Made:
-    return make_episode(recipe, seed, _stop)
-
-
-@contextlib.contextmanager
-def _surroundings() -> Iterator[None]:
-    """What new processes are to find: few threads, and Ctrl-C blocked, their parent's business."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
-    # Inherited from the first moment on; a handler of theirs would come too late.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+    return make_episode(recipe, seed, the_stop())
 
 
 class LocalCrew:
-    """Processes of this machine, also when it is only one: all work in the same surroundings."""
+    """Processes of this machine."""
 
-    lost: tuple[type[Exception], ...] = (BrokenProcessPool,)
+    lost = Workers.lost
 
     def __init__(self, recipe: Recipe, jobs: int) -> None:
         self.size = jobs
         self._recipe = recipe
-        # A fresh interpreter each: MuJoCo's and the solvers' threads do not survive a fork.
-        context = get_context("spawn")
-        self._stop = context.Event()
-        self._pool = ProcessPoolExecutor(
-            jobs, mp_context=context, initializer=_prepare, initargs=(self._stop,)
-        )
+        self._workers = Workers(jobs)
 
     def submit(self, seed: int) -> "Future[Made]":
         """Begin one."""
-        with _surroundings():
-            return self._pool.submit(_work, self._recipe, seed)
+        return self._workers.submit(_work, self._recipe, seed)
 
     def end(self) -> None:
         """Give up what is under way; it takes as long as rendering an episode at most."""
-        self._stop.set()
-        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._workers.end()
 
 
 def _reach(address: str) -> None:

@@ -1,0 +1,1 @@
+"""How control latency and interpolation change what an operator can do: times and workload."""

@@ -1,0 +1,187 @@
+"""The study as a figure: completion times, success, and the workload where there are sheets."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.errors import ConfigError
+from studies.latency.plan import Plan
+from studies.latency.row import Operator, TrialRow
+from studies.latency.stats import CellSummary
+
+_COLOURS = ("#8a8f98", "#2b6cb0", "#e0a030", "#c2503a", "#6b4fa0", "#3f8f5f")
+_VERDICTS = (("success", "#3f8f5f"), ("partial", "#e6c15a"), ("failure", "#b5473c"))
+_MARKS = {"success": "o", "partial": "D", "failure": "X", "error": "X"}
+_OFFSET = {"synthetic": 0.0, "human": 0.4}
+"""Where a human's box stands, beside that of the synthetic operator [conditions]."""
+
+
+def pyplot() -> Any:
+    """Matplotlib without a display.
+
+    Raises:
+        ConfigError: it is not installed.
+    """
+    try:
+        import matplotlib as mpl
+    except ModuleNotFoundError as error:
+        raise ConfigError("the figure needs matplotlib: pip install 'trill[study]'") from error
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def draw(path: Path, plan: Plan, rows: Sequence[TrialRow], cells: Sequence[CellSummary]) -> None:
+    """Write the figure.
+
+    Args:
+        path: of the PNG.
+        plan: of the study.
+        rows: trials of every operator.
+        cells: the same, summed up.
+
+    Raises:
+        ConfigError: matplotlib is not installed.
+    """
+    plt = pyplot()
+    tasks = [task for task in plan.tasks if any(row.task == task for row in rows)]
+    figure, axes = plt.subplots(
+        2,
+        len(tasks),
+        figsize=(1.6 + 4.6 * len(tasks), 6.6),
+        height_ratios=(3, 1.15),
+        squeeze=False,
+        layout="constrained",
+    )
+    for column, task in enumerate(tasks):
+        _times(axes[0][column], plan, [row for row in rows if row.task == task])
+        _success(axes[1][column], plan, [cell for cell in cells if cell.task == task])
+        axes[0][column].set_title(task, fontsize=11)
+    axes[0][0].set_ylabel("completion time [s]")
+    axes[1][0].set_ylabel("trials [%]")
+    figure.suptitle(_title(rows), fontsize=12)
+    _legend(figure, {row.operator for row in rows})
+    figure.savefig(path, dpi=150)
+    plt.close(figure)
+
+
+def _title(rows: Sequence[TrialRow]) -> str:
+    persons = {row.participant for row in rows if row.operator == "human"}
+    seeds = {row.seed for row in rows if row.operator == "synthetic"}
+    parts = []
+    if seeds:
+        parts.append(f"synthetic operator, {len(seeds)} episodes a condition, simulated time")
+    if persons:
+        parts.append(f"{len(persons)} human participant{'s' if len(persons) > 1 else ''}")
+    return "Teleoperation under latency: " + "; ".join(parts)
+
+
+def _times(axes: Any, plan: Plan, rows: Sequence[TrialRow]) -> None:
+    """Boxes over the trials that reached the goal, and every trial as a mark."""
+    limit = max(row.limit for row in rows)
+    lost = any(not row.reached for row in rows)
+    rng = np.random.default_rng(0)
+    operators = [name for name in _OFFSET if any(row.operator == name for row in rows)]
+    for at, condition in enumerate(plan.conditions):
+        colour = _COLOURS[at % len(_COLOURS)]
+        for operator in operators:
+            mine = [r for r in rows if (r.condition, r.operator) == (condition.name, operator)]
+            _box(axes, at + _shift(operator, operators), mine, colour, operator)
+            _points(axes, at + _shift(operator, operators), mine, colour, rng)
+    if lost:
+        axes.axhline(limit, color="#b5473c", linewidth=0.8, linestyle=":")
+        axes.annotate(
+            f"time limit {limit:g} s: goal not reached",
+            (0.01, limit), xycoords=("axes fraction", "data"), xytext=(0, 3),
+            textcoords="offset points", fontsize=8, color="#b5473c",
+        )  # fmt: skip
+    axes.set_ylim(0.0, 1.08 * max([row.charged for row in rows]))
+    _conditions(axes, plan, labels=False)
+
+
+def _shift(operator: Operator | str, operators: Sequence[str]) -> float:
+    return 0.0 if len(operators) == 1 else _OFFSET[operator] - 0.2
+
+
+def _box(axes: Any, at: float, rows: Sequence[TrialRow], colour: str, operator: str) -> None:
+    times = [row.time for row in rows if row.reached]
+    if not times:
+        return
+    # Whiskers to the ends: every trial is drawn besides, and no point is called an outlier.
+    parts = axes.boxplot(
+        [times], positions=[at], widths=0.34 if operator == "synthetic" else 0.26, whis=(0, 100),
+        showfliers=False, patch_artist=True, manage_ticks=False,
+        medianprops={"color": "black", "linewidth": 1.6},
+    )  # fmt: skip
+    for box in parts["boxes"]:
+        box.set(facecolor=colour, alpha=0.35, hatch="///" if operator == "human" else "")
+
+
+def _points(
+    axes: Any, at: float, rows: Sequence[TrialRow], colour: str, rng: np.random.Generator
+) -> None:
+    for row in rows:
+        fine = row.verdict == "success"
+        axes.plot(
+            at + rng.uniform(-0.11, 0.11), row.charged, marker=_MARKS[row.verdict],
+            markersize=4.5 if fine else 6.5, linestyle="none", zorder=3, clip_on=False,
+            markerfacecolor=colour if fine else dict(_VERDICTS).get(row.verdict, "#b5473c"),
+            markeredgecolor="white" if fine else "black", markeredgewidth=0.5,
+        )  # fmt: skip
+
+
+def _success(axes: Any, plan: Plan, cells: Sequence[CellSummary]) -> None:
+    operators = [name for name in _OFFSET if any(cell.operator == name for cell in cells)]
+    at_of = {condition.name: at for at, condition in enumerate(plan.conditions)}
+    for cell in cells:
+        at = at_of[cell.condition] + _shift(cell.operator, operators)
+        bottom = 0.0
+        for name, colour in _VERDICTS:
+            share = 100.0 * getattr(cell, name)
+            axes.bar(
+                at, share, 0.34, bottom=bottom, color=colour, edgecolor="white",
+                hatch="///" if cell.operator == "human" else "",
+            )  # fmt: skip
+            bottom += share
+        low, high = (100.0 * bound for bound in cell.success_interval)
+        axes.plot([at, at], [low, high], color="black", linewidth=1.2)
+        axes.annotate(
+            f"{100 * cell.success:.0f} %", (at, 100.0), xytext=(0, 3), ha="center",
+            textcoords="offset points", fontsize=8,
+        )  # fmt: skip
+    axes.set_ylim(0.0, 118.0)
+    axes.set_yticks([0, 50, 100])
+    _conditions(axes, plan, labels=True)
+
+
+def _conditions(axes: Any, plan: Plan, *, labels: bool) -> None:
+    """The conditions along the axis."""
+    titles = [condition.title for condition in plan.conditions]
+    axes.set_xticks(range(len(titles)), titles if labels else [""] * len(titles), fontsize=9)
+    axes.set_xlim(-0.6, len(titles) - 0.4)
+    axes.grid(axis="y", color="#e4e4e0", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _legend(figure: Any, operators: set[Operator]) -> None:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Any] = [
+        Line2D([], [], marker=_MARKS[name], color=colour, linestyle="none", label=name,
+               markeredgecolor="black", markeredgewidth=0.5)
+        for name, colour in _VERDICTS
+    ]  # fmt: skip
+    handles.append(
+        Line2D([], [], color="black", linewidth=1.2, label="95 % interval of success (Wilson)")
+    )
+    if len(operators) > 1:
+        handles.append(Patch(facecolor="#dddddd", edgecolor="black", label="synthetic operator"))
+        handles.append(
+            Patch(facecolor="#dddddd", edgecolor="black", hatch="///", label="human operator")
+        )
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=8, frameon=False)

@@ -1,0 +1,159 @@
+"""A study's directory.
+
+study.json        the plan: what every trial has in common
+trials.jsonl      a line a trial of the synthetic operator, appended when it has ended
+human.jsonl       a line a trial of a person
+tlx/              answer sheets
+trials.csv, summary.csv, summary.json, latency.png      made from these
+"""
+
+import fcntl
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from common.errors import ConfigError, explain
+from studies.latency.errors import LatencyStudyError
+from studies.latency.plan import Plan
+from studies.latency.row import TrialRow
+
+PLAN, TRIALS, HUMAN, SHEETS = "study.json", "trials.jsonl", "human.jsonl", "tlx"
+_LOCK = ".lock"
+
+
+def write_whole(path: Path, content: str) -> None:
+    """Write a file so that it is there whole or not at all, whenever the process is killed."""
+    temporary = path.with_name(path.name + ".part")
+    with temporary.open("w", encoding="utf-8", newline="") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(path)
+
+
+class Store:
+    """A study on disk.
+
+    Attributes:
+        root: its directory.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+
+    def plan(self) -> Plan:
+        """What the study consists of.
+
+        Raises:
+            LatencyStudyError: there is none here, or its file is wrong.
+        """
+        plan = self._plan()
+        if plan is None:
+            raise LatencyStudyError(
+                f"no study in {self.root}: expected {PLAN} there; begin one with: trill study "
+                f"latency --out {self.root}"
+            )
+        return plan
+
+    @contextmanager
+    def writing(self, plan: Plan) -> Iterator[None]:
+        """Be the only one that runs trials here; begin the study, or go on with it.
+
+        Raises:
+            ConfigError: it was begun with other settings.
+            LatencyStudyError: somebody else runs trials here.
+        """
+        self.root.mkdir(parents=True, exist_ok=True)
+        # The system lets go of the lock when the process ends, however it ends.
+        with (self.root / _LOCK).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                raise LatencyStudyError(
+                    f"{self.root} is being written by another process; wait for it or choose "
+                    "another --out"
+                ) from error
+            known = self._plan()
+            if known is not None and known != plan:
+                differences = "\n  ".join(known.differences(plan))
+                raise ConfigError(
+                    f"{self.root} was begun with other settings; go on with the same, or choose "
+                    f"another --out. There | asked for:\n  {differences}"
+                )
+            if known is None:
+                text = json.dumps(plan.model_dump(mode="json"), indent=1) + "\n"
+                write_whole(self.root / PLAN, text)
+            _cut_torn(self.root / TRIALS)
+            yield
+
+    def rows(self) -> list[TrialRow]:
+        """Trials of the synthetic operator, as they ended.
+
+        Raises:
+            LatencyStudyError: a line is wrong; but for a torn last one, which is passed over.
+        """
+        return _read(self.root / TRIALS)
+
+    def human_rows(self) -> list[TrialRow]:
+        """Trials of persons.
+
+        Raises:
+            LatencyStudyError: as for :meth:`rows`.
+        """
+        return _read(self.root / HUMAN)
+
+    def add(self, row: TrialRow) -> None:
+        """Keep a trial, whatever happens after."""
+        _append(self.root / (TRIALS if row.operator == "synthetic" else HUMAN), row)
+
+    def _plan(self) -> Plan | None:
+        path = self.root / PLAN
+        try:
+            return Plan.model_validate_json(path.read_bytes())
+        except FileNotFoundError:
+            return None
+        except ValidationError as error:
+            raise LatencyStudyError(f"{path}: {explain(error)}") from error
+
+
+def _append(path: Path, row: TrialRow) -> None:
+    _cut_torn(path)
+    with path.open("a", encoding="utf-8") as file:
+        file.write(row.model_dump_json() + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _read(path: Path) -> list[TrialRow]:
+    rows: list[TrialRow] = []
+    try:
+        text = path.read_bytes()
+    except FileNotFoundError:
+        return rows
+    # What follows the last line feed is a line that was being written when the process was killed.
+    for number, line in enumerate(text.split(b"\n")[:-1], start=1):
+        try:
+            rows.append(TrialRow.model_validate_json(line))
+        except ValidationError as error:
+            raise LatencyStudyError(
+                f"{path} line {number} is no trial: {explain(error)}; remove the line and give "
+                "the same command again to have the trial run anew"
+            ) from error
+    return rows
+
+
+def _cut_torn(path: Path) -> None:
+    """Take away a torn last line, so that the next begins on a line of its own."""
+    try:
+        with path.open("r+b") as file:
+            content = file.read()
+            whole = content.rfind(b"\n") + 1
+            if whole < len(content):
+                file.truncate(whole)
+                os.fsync(file.fileno())
+    except FileNotFoundError:
+        return
