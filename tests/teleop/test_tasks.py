@@ -6,8 +6,8 @@ import pytest
 
 from common.bus.linkspec import LinkSpec
 from common.errors import ConfigError
-from common.schemas import LinkChange, TaskVerdict
-from common.topics import LINK_CHANGE
+from common.schemas import LinkChange, Setpoint, TaskVerdict
+from common.topics import LINK_CHANGE, TELEOP_SETPOINT
 from services.sim.tasks import find_task
 from studies.tasks.__main__ import main, seed_range
 from studies.tasks.links import chosen_links
@@ -24,6 +24,19 @@ def unlocked(seed: int, repeat: int = 0, link: str = "") -> tuple[TrialResult, s
     return stack.run(), stack.runner.digest()
 
 
+def furthest_right(seed: int) -> float:
+    """How far before the body the right hand was sent [m]."""
+    stack = TaskStack(TrialSpec("door/unlock", seed, physics_steps=5))
+    furthest = [0.0]
+
+    def note(setpoint: Setpoint) -> None:
+        furthest[0] = max(furthest[0], float(setpoint.right_hand_position_in_body[0]))
+
+    stack.runner.on_message(TELEOP_SETPOINT, note)
+    assert stack.run().verdict == "success"
+    return furthest[0]
+
+
 def test_a_door_is_unlocked() -> None:
     result, _ = unlocked(0)
     assert result.verdict == "success", line(result)
@@ -36,6 +49,12 @@ def test_same_seed_same_bytes_and_another_seed_differs() -> None:
     other, digest = unlocked(1)
     assert other.verdict == "success", line(other)
     assert digest != unlocked(0)[1]
+
+
+def test_the_operator_has_two_ways_of_opening_a_door() -> None:
+    # With seed 0 the fist on the lever pushes as well, with seed 1 the other does.
+    assert furthest_right(0) < 0.35
+    assert furthest_right(1) > 0.45
 
 
 def test_with_a_quarter_of_a_second_each_way_it_takes_longer() -> None:

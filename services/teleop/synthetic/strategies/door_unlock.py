@@ -1,4 +1,7 @@
-"""door/unlock: press the lever down with the left fist, then push the leaf ajar."""
+"""door/unlock: press the lever down with the left fist, then push the leaf ajar.
+
+The leaf is pushed with the same fist or, by some and where the arm reaches so far, with the other.
+"""
 
 import numpy as np
 
@@ -18,6 +21,15 @@ DOWN = (0.12, 0.0, -0.993)
 FURTHEST = 0.425
 """Before the body a hand still has room to push [m]."""
 SIDE = "left"
+OTHER = "right"
+TWO_HANDED = 0.45
+"""How often one hand presses the lever and the other pushes the leaf, where it reaches so far."""
+NEAR = 0.45
+"""From further off the other arm is stretched before the bolt is past the strike [m]."""
+LEVER_BEFORE_LEAF = 0.06
+"""From the lever's middle to the leaf's front [m]."""
+BEFORE_LEAF = 0.08
+"""From the leaf's front to the ready fist [m]."""
 
 
 def level_hand(sight: Sight, point: Array, roll: float = 0.0) -> Pose:
@@ -38,8 +50,12 @@ def unlock(person: Person) -> Act:
     person.note = "looking at the lever"
     yield from person.react()
     yield from person.engage("left", "right")
+    two_handed = person.chance(TWO_HANDED) and leaf_ahead(person.sight) < NEAR
+    if two_handed:
+        yield from ready_at_leaf(person)
     for attempt in range(4):
-        opened = yield from press_and_push(person, first=attempt == 0)
+        pusher = OTHER if two_handed and attempt == 0 else SIDE
+        opened = yield from press_and_push(person, pusher, first=attempt == 0)
         if opened:
             break
         person.note = "once more"
@@ -52,10 +68,15 @@ def unlock(person: Person) -> Act:
     return True
 
 
-def press_and_push(person: Person, *, first: bool) -> Act:
+def press_and_push(person: Person, pusher: str, *, first: bool) -> Act:
     """Come from beside the lever, lay the fist on it, press, and push; whether the leaf opened.
 
     From the front the fist would meet the lever: close to the body the arm does not reach high.
+
+    Args:
+        person: the operator.
+        pusher: the hand that pushes the leaf.
+        first: whether this is the first attempt; at a later one it looks before it presses.
     """
     aside, ahead = person.vary(0.006, 0.008), person.vary(0.014, 0.006)
     hover = person.vary(0.07, 0.006)
@@ -97,9 +118,9 @@ def press_and_push(person: Person, *, first: bool) -> Act:
         return False
     if person.chance(0.3):
         yield from person.pause(abs(person.vary(0.0, 0.2)))
-    person.note = "pushing the leaf"
+    person.note = f"pushing the leaf, {pusher} fist"
     opened = yield from person.push(
-        SIDE,
+        pusher,
         lambda sight: in_body(sight, (1.0, 0.0, 0.0)),
         0.25,
         speed=person.vary(0.15, 0.02),
@@ -107,6 +128,29 @@ def press_and_push(person: Person, *, first: bool) -> Act:
         lead=LEAD,
     )
     return opened
+
+
+def leaf_ahead(sight: Sight) -> float:
+    """From the torso to the leaf's front [m]."""
+    return float(
+        sight.thing("lever_grip").position[0] + LEVER_BEFORE_LEAF - sight.torso.position[0]
+    )
+
+
+def ready_at_leaf(person: Person) -> Act:
+    """The right fist before the leaf, to push when the lever is down."""
+    height, aside = person.vary(0.04, 0.015), person.vary(-0.12, 0.015)
+    person.note = "right fist to the leaf"
+
+    def ready(sight: Sight) -> Pose:
+        ahead = min(FURTHEST, leaf_ahead(sight) - BEFORE_LEAF)
+        return hand_pose(ahead, aside, height, 0.0, 0.0, easy_yaw(OTHER, aside))
+
+    yield from person.together(
+        person.grip(OTHER, 1.0),
+        person.reach(OTHER, ready, speed=person.vary(1.1, 0.15), tolerance=0.04, corrections=1),
+    )
+    return True
 
 
 def draw_back(person: Person) -> Act:
