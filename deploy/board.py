@@ -24,12 +24,14 @@ from common.schemas import (
     PeerHealth,
     PlantStatus,
     ServiceHealth,
+    TaskStatus,
 )
 from common.topics import (
     ALL_TOPICS,
     HEALTH,
     HEARTBEAT,
     PLANT_STATUS,
+    TASK_STATUS,
     TELEOP_STATUS,
     WBC_STATE,
     Delivery,
@@ -129,6 +131,7 @@ class View:
     control: ControllerState | None = None
     plant: PlantStatus | None = None
     operator: OperatorStatus | None = None
+    task: TaskStatus | None = None
 
     @property
     def inputs(self) -> tuple[InputRow, ...]:
@@ -221,6 +224,7 @@ class Board:
             control=self.latest(WBC_STATE),
             plant=self.latest(PLANT_STATUS),
             operator=self.latest(TELEOP_STATUS),
+            task=self.latest(TASK_STATUS),
         )
 
     def _service(self, health: ServiceHealth, age: float, now_ns: int) -> ServiceRow:

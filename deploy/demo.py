@@ -1,4 +1,4 @@
-"""The whole system under a scripted operator, watched until the script ends."""
+"""The whole system under an operator of its own, watched until script or task is over."""
 
 import time
 from collections.abc import Sequence
@@ -8,9 +8,12 @@ from deploy.board import View
 from deploy.launch import Ended, Running, Verdict, running_system
 from deploy.monitor import TICK, Screen, Watch
 from deploy.process import Exit
-from deploy.system import OPERATOR, SystemOptions, scripted_operator
+from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
+from deploy.task_judge import TaskJudge
 from services.teleop.library import ScriptOptions, script_named
 
+DEMONSTRATION = "demo"
+"""The script that shows everything."""
 FALL_AFTERMATH = 1.0
 """How long a fall is watched before everything stops [s]."""
 
@@ -21,7 +24,8 @@ class DemoOptions:
 
     Attributes:
         system: the robot's side.
-        script: what the operator plays: a built-in name or a JSON file.
+        script: what the operator plays: a built-in name or a JSON file; None: the task, if the
+            system has one (by the synthetic operator), else the demonstration.
         seconds: end well this long after the controller was first heard, wherever the script is;
             None: play it to its end.
         timeout: the script has failed if it is not done by then [s].
@@ -30,7 +34,7 @@ class DemoOptions:
     """
 
     system: SystemOptions = field(default_factory=SystemOptions)
-    script: str = "demo"
+    script: str | None = None
     seconds: float | None = None
     timeout: float = 600.0
     base_port: int | None = None
@@ -105,20 +109,30 @@ def run_demo(options: DemoOptions) -> Ended:
         DeployError: the system cannot be started.
         BusError: the live table cannot reach the bus.
     """
-    script_named(options.script, ScriptOptions())
+    task, judge = options.system.task, _judge(options)
+    if isinstance(judge, TaskJudge) and task is not None:
+        operator = synthetic_operator(task, options.system.seed)
+    else:
+        script = options.script or DEMONSTRATION
+        script_named(script, ScriptOptions())
+        operator = scripted_operator(script)
     verdict = Verdict("interrupted", "stopped from outside")
-    operator = scripted_operator(options.script)
     with running_system(options.system, options.base_port, [operator]) as running:
-        verdict = _watch(running, options)
+        verdict = _watch(running, judge, live=options.live)
     return Ended(running.run_dir, verdict)
 
 
-def _watch(running: Running, options: DemoOptions) -> Verdict:
+def _judge(options: DemoOptions) -> Judge | TaskJudge:
+    by_task = options.system.task is not None and options.script is None
+    kind = TaskJudge if by_task else Judge
+    return kind(OPERATOR, options.seconds, options.timeout)
+
+
+def _watch(running: Running, judge: Judge | TaskJudge, *, live: bool | None) -> Verdict:
     """Show the live table until there is a verdict."""
     supervisor = running.supervisor
-    judge = Judge(OPERATOR, options.seconds, options.timeout)
     started = time.monotonic()
-    with Watch(running.bus) as seen, Screen(f"trill demo  {running.title}", live=options.live) as s:
+    with Watch(running.bus) as seen, Screen(f"trill demo  {running.title}", live=live) as s:
         s.say(f"{running.title}: running {', '.join(supervisor.running())}")
         while True:
             view = seen.look()

@@ -22,6 +22,8 @@ from common.schemas import (
     OperatorStatus,
     PlantState,
     PlantStatus,
+    SceneState,
+    TaskStatus,
 )
 from common.topics import PLANT_TRUTH, Topic
 
@@ -68,7 +70,8 @@ class Stride:
 class Film:
     """Ground truth in order, and what went on meanwhile; numbers are indices into ``truth``.
 
-    ``left`` and ``right`` hold (index, picture) of the robot's eyes.
+    ``left`` and ``right`` hold (index, picture) of the robot's eyes, ``scenes`` where the scene's
+    things were at each ground truth, ``news`` (index, status) of the task when it had changed.
     """
 
     truth: list[PlantState] = field(default_factory=list)
@@ -77,6 +80,24 @@ class Film:
     fell: int | None = None
     left: list[tuple[int, CameraFrame]] = field(default_factory=list)
     right: list[tuple[int, CameraFrame]] = field(default_factory=list)
+    scenes: list[SceneState | None] = field(default_factory=list)
+    news: list[tuple[int, TaskStatus]] = field(default_factory=list)
+
+    @property
+    def scene(self) -> str:
+        """What stands around the robot."""
+        return next((things.scene for things in self.scenes if things is not None), "flat")
+
+    @property
+    def task(self) -> TaskStatus | None:
+        """How the task stood last; None: there is none."""
+        return self.news[-1][1] if self.news else None
+
+    def things(self, indices: Iterable[int]) -> list[SceneState | None]:
+        """Where the scene's things were; before they were heard, where they were first."""
+        first = next((things for things in self.scenes if things is not None), None)
+        # A film made by hand may know of none.
+        return [self.scenes[i] or first if i < len(self.scenes) else first for i in indices]
 
     def seconds(self, index: int) -> float:
         """Robot time of a ground truth since the first [s]."""
@@ -103,11 +124,15 @@ def gather(messages: Iterable[tuple[Topic[Any], Message]]) -> Film:
     """Collect a film from a run's messages in the order they arrived."""
     film = Film()
     started: dict[int, int] = {}
+    things: SceneState | None = None
     for topic, message in messages:
         now = len(film.truth) - 1
         if isinstance(message, PlantState):
             if topic.name == PLANT_TRUTH.name and _is_due(film.truth, message):
                 film.truth.append(message)
+                film.scenes.append(things)
+        elif isinstance(message, SceneState):
+            things = message
         elif now >= 0:
             _take(film, started, now, message)
     return film
@@ -132,6 +157,19 @@ def _take(film: Film, started: dict[int, int], now: int, message: Message) -> No
         reel.append((now, message))
         if len(reel) > MOST_PICTURES:
             del reel[1::2]
+    elif isinstance(message, TaskStatus) and (
+        not film.news or _standing(film.news[-1][1]) != _standing(message)
+    ):
+        film.news.append((now, message))
+
+
+def _standing(status: TaskStatus) -> tuple[object, ...]:
+    """What is news when it changes."""
+    done = tuple(stage.done for stage in status.stages)
+    return (
+        *(status.task, status.seed, status.reset_count, status.time > 0.0, done),
+        *(len(status.undesired), status.verdict),
+    )
 
 
 def _is_due(truth: Sequence[PlantState], message: PlantState) -> bool:

@@ -3,24 +3,22 @@
 Colours are RGB throughout; OpenCV's BGR order is met only where files are read and written.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import cv2
 import imageio_ffmpeg
 import numpy as np
-from numpy.typing import NDArray
 
-from common.schemas import CameraFrame, Gait
+from common.schemas import Gait
 from deploy.errors import DeployError
 from deploy.film import RATE, Film, Moment, frame_step, moments, picture_at
+from deploy.frames import Image, Progress, caption, decoded, fitted
 from deploy.path_plot import plot_path
 from deploy.scoring import Pose2
-from services.sim.render import FollowCamera, contact_sheet, render_states
-
-Image = NDArray[np.uint8]
-Progress = Callable[[int, int], None]
-"""Called with (done, of how many)."""
+from deploy.task_film import standing_at
+from deploy.task_sheet import headline, recorded_eye, scene_pictures, task_sheet
+from services.sim.render import FollowCamera, contact_sheet
 
 TILE = (480, 270)
 """Width and height of one picture of the contact sheet."""
@@ -29,7 +27,6 @@ VIDEO = (640, 360)
 LONGEST_VIDEO = 240.0
 """A longer run is shown faster [s]."""
 _NEAR = FollowCamera(distance=2.3, height=0.66, lag=0.01)
-_WHITE, _SHADE = (255, 255, 255), (20, 24, 28)
 
 
 def write_contact_sheet(
@@ -37,24 +34,34 @@ def write_contact_sheet(
 ) -> None:
     """Write the key moments, the robot's own view and its path as one PNG.
 
+    Of a run with a scored task: how the task was done, in its scene.
+
     Raises:
         RenderingUnavailableError: there is no off-screen OpenGL.
         DeployError: there is nothing to show, or the file cannot be written.
     """
-    chosen = moments(film)
-    if not chosen:
+    if not film.truth:
         raise DeployError("the log has no ground truth (plant/truth) to draw pictures from")
+    if film.task is not None:
+        sheet = task_sheet(film, headline(film.task), recorded_eye(film), progress)
+    else:
+        sheet = _sheet(film, commanded, progress)
+    if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):
+        raise DeployError(f"cannot write {path}")
+
+
+def _sheet(film: Film, commanded: Mapping[Gait, Pose2], progress: Progress) -> Image:
+    chosen = moments(film)
     tiles = []
-    states = (film.truth[moment.index] for moment in chosen)
-    for moment, image in zip(chosen, render_states(states, *TILE, _NEAR), strict=True):
+    indices = [moment.index for moment in chosen]
+    images = scene_pictures(film, indices, *TILE, _NEAR if film.scene == "flat" else None)
+    for moment, image in zip(chosen, images, strict=True):
         text = f"{film.seconds(moment.index):5.1f} s  {moment.label}"
         tiles.append(caption(image, text))
         progress(len(tiles), len(chosen))
     tiles += _eyes(film, chosen)
     tiles.append(caption(plot_path(film, commanded, *TILE), "path from above (rings: commanded)"))
-    sheet = contact_sheet(tiles, COLUMNS)
-    if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):
-        raise DeployError(f"cannot write {path}")
+    return contact_sheet(tiles, COLUMNS)
 
 
 def write_video(path: Path, film: Film, progress: Progress) -> None:
@@ -84,12 +91,12 @@ def write_video(path: Path, film: Film, progress: Progress) -> None:
 
 
 def _video_frames(film: Film, indices: Sequence[int]) -> Iterator[Image]:
-    states = (film.truth[index] for index in indices)
-    for index, image in zip(indices, render_states(states, *VIDEO, fast=True), strict=True):
+    for index, image in zip(indices, scene_pictures(film, indices, *VIDEO, fast=True), strict=True):
         eye = picture_at(film.left, index)
         if eye is not None:
             _inset(image, decoded(eye))
-        yield caption(image, f"{film.seconds(index):5.1f} s  {film.label_at(index)}")
+        words = film.label_at(index) if film.task is None else standing_at(film, index)
+        yield caption(image, f"{film.seconds(index):5.1f} s  {words}")
 
 
 def _eyes(film: Film, chosen: Sequence[Moment]) -> list[Image]:
@@ -100,46 +107,8 @@ def _eyes(film: Film, chosen: Sequence[Moment]) -> list[Image]:
         picture = picture_at(pictures, best.index)
         if picture is not None:
             text = f"{film.seconds(best.index):5.1f} s  the robot's {name} eye"
-            tiles.append(caption(_fitted(decoded(picture), *TILE), text))
+            tiles.append(caption(fitted(decoded(picture), *TILE), text))
     return tiles
-
-
-def decoded(frame: CameraFrame) -> Image:
-    """A camera message as (height, width, 3) RGB; black where a JPEG is damaged."""
-    if frame.encoding == "rgb8":
-        return np.frombuffer(frame.data, np.uint8).reshape(frame.height, frame.width, 3)
-    image = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR)
-    if image is None:
-        return np.zeros((frame.height, frame.width, 3), np.uint8)
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
-
-
-def caption(image: Image, text: str) -> Image:
-    """A copy of ``image`` with ``text`` (ASCII) on a dark strip along its top edge."""
-    labelled = np.ascontiguousarray(image).copy()
-    height = 24
-    labelled[:height] = (labelled[:height] * 0.25 + np.array(_SHADE) * 0.75).astype(np.uint8)
-    plain = text.encode("ascii", "replace").decode()
-    scale = min(0.5, 0.5 * (image.shape[1] - 12) / max(1, _width(plain, 0.5)))
-    cv2.putText(labelled, plain, (6, 17), cv2.FONT_HERSHEY_SIMPLEX, scale, _WHITE, 1, cv2.LINE_AA)
-    return labelled
-
-
-def _width(text: str, scale: float) -> int:
-    (width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-    return int(width)
-
-
-def _fitted(image: Image, width: int, height: int) -> Image:
-    """``image`` scaled to fit, centred on a dark ground."""
-    share = min(width / image.shape[1], height / image.shape[0])
-    size = (round(image.shape[1] * share), round(image.shape[0] * share))
-    ground = np.empty((height, width, 3), np.uint8)
-    ground[:] = _SHADE
-    left, top = (width - size[0]) // 2, (height - size[1]) // 2
-    scaled = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    ground[top : top + size[1], left : left + size[0]] = scaled
-    return ground
 
 
 def _inset(image: Image, picture: Image) -> None:

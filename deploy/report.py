@@ -17,6 +17,7 @@ from deploy.run_summary import RunSummary, ServiceTiming
 from deploy.scoring import commanded_motions
 from deploy.summary import LogFindings, summarise
 from deploy.system import LOG_FILE, versions
+from deploy.task_summary import trial_lines
 from services.logger.reader import LogReader
 from services.wbc.config import GaitConfig
 
@@ -134,6 +135,7 @@ def report_lines(summary: RunSummary) -> list[str]:
     lines = [
         f"outcome        {summary.outcome}"
         + (f": {summary.reason.splitlines()[0]}" if summary.reason else ""),
+        *trial_lines(summary.trials),
         f"robot time     {summary.duration:.1f} s at real-time factor {plant.real_time_factor:.3f}"
         f" (worst second {plant.real_time_factor_worst:.3f}), falls {plant.falls}",
         f"gaits          {total.completed} completed of {total.accepted} accepted and "

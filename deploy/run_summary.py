@@ -5,7 +5,15 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 Outcome = Literal[
-    "completed", "fell", "script failed", "service died", "timed out", "interrupted", "unknown"
+    "completed",
+    "fell",
+    "script failed",
+    "partial success",
+    "task failed",
+    "service died",
+    "timed out",
+    "interrupted",
+    "unknown",
 ]
 """How a run ended; unknown where only the log is left to tell."""
 
@@ -122,6 +130,35 @@ class Tracking(_Part):
     unsolved: int = 0
 
 
+class StageTally(_Part):
+    """A step towards a task's goal."""
+
+    name: str
+    at: float | None = Field(description="when it was done, time of the trial [s]; None: never")
+
+
+class ContactTally(_Part):
+    """An undesired contact."""
+
+    name: str = Field(description="for instance: left wrist on jamb")
+    since: float = Field(description="first touch, time of the trial [s]")
+    peak: float = Field(description="largest normal force [N]")
+
+
+class TaskTrial(_Part):
+    """One trial of a scored task, as the plant's judge saw it."""
+
+    task: str
+    seed: int
+    verdict: str = Field(description="running (no verdict), success, partial or failure")
+    time: float = Field(description="until the verdict, or so far [s]")
+    limit: float = Field(description="[s]")
+    reason: str = ""
+    stages: list[StageTally]
+    undesired: list[ContactTally]
+    operator: str = Field(default="", description="what the operator said it was playing")
+
+
 class RunSummary(_Part):
     """Everything worth knowing about one run, as written to ``summary.json``."""
 
@@ -133,6 +170,7 @@ class RunSummary(_Part):
     walk: Walk
     plant: PlantTally
     tracking: Tracking
+    trials: list[TaskTrial] = Field(default=[], description="of the scored task, if there is one")
     services: dict[str, ServiceTiming]
     topics: dict[str, TopicTally]
     log_truncated: bool = Field(default=False, description="the logger was killed")

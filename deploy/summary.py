@@ -18,14 +18,13 @@ from common.schemas import (
     GaitReply,
     GaitRequest,
     Message,
+    OperatorStatus,
     PlantState,
     PlantStatus,
     ServiceHealth,
+    TaskStatus,
 )
-from common.topics import (
-    PLANT_TRUTH,
-    Topic,
-)
+from common.topics import PLANT_TRUTH, Topic
 from deploy.run_summary import (
     GaitRun,
     GaitTally,
@@ -38,6 +37,7 @@ from deploy.run_summary import (
     Tracking,
 )
 from deploy.scoring import GaitLedger, Pose2, Track, commanded_motions
+from deploy.task_summary import TaskReader
 from services.wbc.config import GaitConfig
 
 
@@ -91,6 +91,7 @@ def summarise(
         walk=seen.ledger.walk(wanted),
         plant=plant,
         tracking=seen.tracking.tally(),
+        trials=seen.task.tally(),
         services=seen.services.tally(),
         topics=seen.topics.tally(found),
         log_truncated=found.truncated,
@@ -105,6 +106,7 @@ class _Readers:
         self.track, self.ledger = Track(), GaitLedger()
         self.plant, self.tracking = _PlantReader(), _TrackingReader()
         self.services, self.topics = _ServiceReader(), _TopicReader()
+        self.task = TaskReader()
 
     def read(self, topic: Topic[Any], message: Message) -> None:
         self.topics.read(topic, message)
@@ -119,6 +121,10 @@ class _Readers:
                 self.tracking.read(message)
             case ServiceHealth():
                 self.services.read(message)
+            case TaskStatus():
+                self.task.status(message)
+            case OperatorStatus():
+                self.task.operator(message)
             case GaitRequest():
                 self.ledger.request(message)
             case GaitReply():

@@ -97,6 +97,17 @@ def scripted_operator(script: str) -> ProcessSpec:
     )
 
 
+def synthetic_operator(task: str, seed: int) -> ProcessSpec:
+    """An operator that does ``task`` like a person with a headset, then holds on."""
+    return ProcessSpec(
+        OPERATOR,
+        "services.teleop",
+        ("synthetic", "--task", task, "--seed", str(seed), "--stay"),
+        may_finish=True,
+        stop_wave=_FIRST,
+    )
+
+
 def keyboard_operator() -> ProcessSpec:
     """A person at this terminal."""
     return ProcessSpec(

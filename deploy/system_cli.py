@@ -15,14 +15,21 @@ each a process of its own that talks to the others over Zenoh only, and watch it
 until the script ends: all six gaits, both hands standing and walking, both grippers. Then
 everything is stopped and summed up from the log.
 
-Exit code 0: the script was played to its end. Otherwise the reason is printed: the robot fell, a
-service died, the script failed, the time ran out."""
+With --task a scored task is done instead, by the synthetic operator, in the task's scene: it acts
+through the same device-level input as a person's headset and sees through the same feedback link.
+It ends when the judge in the plant has its verdict.
+
+Exit code 0: the script was played to its end, or the task was a success. Otherwise 1, and the
+reason is printed: partial success or failure of the task, the robot fell, a service died, the
+script failed, the time ran out."""
 DEMO_EXAMPLES = """examples:
   trill demo                          about a minute and a half, then pictures
   trill demo --no-video               without the video, which takes about as long as the run
   trill demo --mode rated             with the torque limits of the real motors
   trill demo --script random          or stand, gaits, or a JSON file of your own
   trill demo --seconds 20             a short look
+  trill demo --task door/unlock --seed 7                a scored task, see: trill tasks
+  trill demo --task door/push --latency both=250ms      with a late robot
 """
 DRIVE = """Start the robot (plant, cameras, whole-body controller, logger) and give you the keys:
 hands, grippers, neck and gaits from this terminal. Leave with the key the screen shows; the run is
@@ -40,6 +47,8 @@ UP_EXAMPLES = """examples:
   trill up --no-record                leaves nothing but the services' own output
   python -m services.teleop scripted --script gaits --gait turn_left      in another terminal
   python -m services.teleop keyboard
+  trill up --task door/unlock --seed 7
+  python -m services.teleop synthetic --task door/unlock --seed 7         in another terminal
 """
 
 
@@ -59,7 +68,12 @@ def _system(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-cameras", action="store_true", help="the robot does not see")
     parser.add_argument("--task", help="a scored task in its scene, e.g. door/unlock (trill tasks)")
-    parser.add_argument("--seed", type=int, default=0, help="of noise and the task's start (0)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="of noise, the task's start and the synthetic operator (0)",
+    )
     bus_options(parser, "first port of the system (standard: a free block is found)")
     latency_cli.add_latency_option(parser)
 
@@ -67,7 +81,8 @@ def _system(parser: argparse.ArgumentParser) -> None:
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
     _system(parser)
     parser.add_argument(
-        "--script", default="demo", help="demo, stand, gaits, random, or a JSON file of steps"
+        "--script",
+        help="demo, stand, gaits, random, or a JSON file of steps (demo; with --task: none)",
     )
     parser.add_argument("--seconds", type=float, help="end after this long, wherever the script is")
     parser.add_argument(
@@ -168,7 +183,14 @@ Entry = tuple[
     Callable[[argparse.Namespace], int],
 ]
 ENTRIES: tuple[Entry, ...] = (
-    ("demo", "the whole system by a script", DEMO, DEMO_EXAMPLES, _demo_arguments, _demo),
+    (
+        "demo",
+        "the whole system by a script, or at a task",
+        DEMO,
+        DEMO_EXAMPLES,
+        _demo_arguments,
+        _demo,
+    ),
     ("drive", "the whole system on your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive),
     ("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
 )

@@ -29,6 +29,7 @@ from common.topics import (
 )
 from deploy.board import InputRow, PeerRow, ServiceRow, TopicRow, View
 from deploy.ledger_text import add_stages, plain_table, short_ms, stage_cells, styled
+from deploy.task_text import task_line, task_words
 
 SILENCE = "nothing heard yet (services take some seconds to start; is this the right base port?)"
 BAD, GOOD, DIM, ODD = "bold red", "green", "dim", "yellow"
@@ -61,6 +62,7 @@ def draw(
     parts: list[RenderableType] = [
         Text(title, style="bold"),
         _robot(view.control, view.plant),
+        *([] if view.task is None else [task_line(view.task)]),
         _operator(view.operator),
     ]
     topics, ledger = len(view.topics), len(view.ledger)
@@ -74,7 +76,8 @@ def draw(
         topics, ledger = topics * (show is Show.TOPICS), ledger * (show is Show.LEDGER)
     if height is not None:
         headings = bool(topics) + bool(ledger)
-        topics, ledger = share(height - _HEADER_LINES - taken - headings, topics, ledger)
+        head = _HEADER_LINES + (view.task is not None)
+        topics, ledger = share(height - head - taken - headings, topics, ledger)
     parts += [_topics(view.topics, topics)] if topics else []
     parts += [_ledger(view.ledger, ledger)] if ledger else []
     return Group(*parts)
@@ -94,6 +97,8 @@ def line(view: View) -> str:
     parts = []
     if view.operator is not None:
         parts.append(f"step {view.operator.step}/{view.operator.steps} {view.operator.label!r}")
+    if view.task is not None:
+        parts.append(task_words(view.task))
     if view.control is not None:
         parts.append(_control_words(view.control))
     if view.plant is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from common.schemas import PlantState, SceneState
 from services.sim.offscreen import Image, Offscreen, fixed_camera
 from services.sim.pose import show_state
+from services.sim.scenes.base import View
 from services.sim.world import build_model, find_addresses
 
 
@@ -23,6 +24,7 @@ class FollowCamera:
         elevation: of its view [deg]; negative looks down.
         distance: to the robot [m].
         height: of the point it looks at [m].
+        ahead: (x, y) in world from the robot to that point [m].
         lag: time constant with which it follows [s]; steps do not shake the picture.
     """
 
@@ -30,7 +32,18 @@ class FollowCamera:
     elevation: float = -13.0
     distance: float = 2.5
     height: float = 0.64
+    ahead: tuple[float, float] = (0.0, 0.0)
     lag: float = 0.6
+
+
+class _Still:
+    """A camera that stays where it is, in the world or on the robot."""
+
+    def __init__(self, camera: Any) -> None:
+        self.camera = camera
+
+    def see(self, _state: PlantState) -> None:
+        """Nothing follows."""
 
 
 class _Follower:
@@ -38,6 +51,7 @@ class _Follower:
 
     def __init__(self, settings: FollowCamera) -> None:
         self._settings = settings
+        self._ahead = np.array(settings.ahead)
         self._stamp_ns: int | None = None
         self.camera = mujoco.MjvCamera()
         self.camera.azimuth = settings.azimuth
@@ -52,14 +66,26 @@ class _Follower:
         if self._stamp_ns is not None and stamp >= self._stamp_ns:
             share = 1.0 - math.exp(-(stamp - self._stamp_ns) * 1e-9 / self._settings.lag)
         self._stamp_ns = stamp
-        self.camera.lookat[:2] += share * (state.base_position[:2] - self.camera.lookat[:2])
+        wanted = state.base_position[:2] + self._ahead
+        self.camera.lookat[:2] += share * (wanted - self.camera.lookat[:2])
+
+
+def _mover(model: Any, camera: FollowCamera | View | str | None) -> _Still | _Follower:
+    if isinstance(camera, str):
+        return _Still(fixed_camera(model, camera))
+    if not isinstance(camera, View):
+        return _Follower(camera or FollowCamera())
+    free = mujoco.MjvCamera()
+    free.azimuth, free.elevation = camera.azimuth, camera.elevation
+    free.distance, free.lookat[:] = camera.distance, camera.target
+    return _Still(free)
 
 
 def render_states(
     states: Iterable[PlantState],
     width: int = 1280,
     height: int = 720,
-    camera: FollowCamera | str | None = None,
+    camera: FollowCamera | View | str | None = None,
     *,
     scene: str = "flat",
     objects: Iterable[SceneState | None] | None = None,
@@ -71,7 +97,8 @@ def render_states(
         states: what to show, in the order of time.
         width: at most 1920 [pixels].
         height: at most 1080 [pixels].
-        camera: a third-person camera, or the name of one of the model's (``"left"``, ``"right"``).
+        camera: one that follows or stays, or the name of one of the model's (``"left"``,
+            ``"right"``); None: one that follows.
         scene: what stands around the robot.
         objects: where the scene's things are, one for each state; None leaves them in place.
         fast: no shadows, reflections or smooth edges: with software OpenGL a tenth of the time.
@@ -84,18 +111,16 @@ def render_states(
     model = build_model(scene)
     data = mujoco.MjData(model)
     addresses = find_addresses(model)
-    follower = None if isinstance(camera, str) else _Follower(camera or FollowCamera())
-    view: Any = follower.camera if follower else fixed_camera(model, str(camera))
+    mover = _mover(model, camera)
     if fast:
         model.vis.quality.offsamples = 0
     offscreen = Offscreen(model, width, height, plain=fast)
     try:
         pairs = zip(states, objects, strict=True) if objects else ((s, None) for s in states)
         for state, things in pairs:
-            if follower:
-                follower.see(state)
+            mover.see(state)
             show_state(model, data, addresses, state, things)
-            yield offscreen.render(data, view)
+            yield offscreen.render(data, mover.camera)
     finally:
         offscreen.close()
 

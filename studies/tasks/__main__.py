@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
-from common.errors import TrillError
+from common.errors import ConfigError, TrillError
 from common.runtime.main import OptionFormatter
 from services.sim.tasks import all_tasks
 from services.teleop.synthetic.traits import TRAITS
@@ -19,6 +19,7 @@ EXAMPLES = """examples:
   python -m studies.tasks run bench/hammer --seeds 3 --link both=250ms
   python -m studies.tasks run twin/tool --seeds 3 --link none      without the task's own link
   python -m studies.tasks run all --seeds 0:10 --out runs/studies/tasks.json
+  python -m studies.tasks film all --out docs/tasks
 
 A task may have a link of its own (the twin/ tasks: command=paper); it holds unless --link is given.
 The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong.
@@ -63,16 +64,18 @@ def parser() -> argparse.ArgumentParser:
     _trial_options(run)
     film = commands.add_parser(
         "film",
-        help="run one trial and write a sheet of pictures",
-        description="Run one trial and write evenly spaced moments of it as a PNG.",
+        help="pictures of a success of a task, or of every task",
+        description="Run trials, seed after seed, until one is a success, and write its telling "
+        "moments as one picture, from outside and through the robot's eye. Without a success the "
+        "last one is shown.",
         formatter_class=OptionFormatter,
     )
-    film.add_argument("task", choices=list(all_tasks()), help="which task")
-    film.add_argument("--seeds", type=seed_range, default=range(1), help="one seed", metavar="SEED")
-    film.add_argument("--pictures", type=int, default=9, help="how many")
-    film.add_argument("--columns", type=int, default=3, help="pictures in a row")
-    film.add_argument("--view", type=int, choices=[0, 1, 2], default=0, help="the scene's camera")
-    film.add_argument("--out", type=Path, default=Path("trial.png"), help="of the PNG")
+    film.add_argument("task", choices=["all", *all_tasks()], help="which task")
+    film.add_argument("--seeds", type=seed_range, default="0:5", help="for instance 7 or 0:5")
+    film.add_argument("--view", type=int, choices=[0, 1, 2], help="one of the scene's cameras")
+    film.add_argument(
+        "--out", type=Path, default=Path("runs/studies/films"), help="directory, or a file's name"
+    )
     _trial_options(film)
     return main
 
@@ -133,22 +136,25 @@ def run_all(trials: list[TrialSpec], jobs: int) -> list[TrialResult]:
 
 
 def film(arguments: argparse.Namespace) -> int:
-    """Run one trial, write its pictures, print its verdict."""
-    from studies.tasks.film import record, write_sheet
+    """Show a success of each task; 1 if one had none."""
+    from studies.tasks.film import record, sheet_name, write_sheet
 
-    trial = specs(arguments)[0]
-    result, moments = record(trial)
-    print(line(result))
-    write_sheet(
-        trial,
-        moments,
-        arguments.out,
-        pictures=arguments.pictures,
-        columns=arguments.columns,
-        view=arguments.view,
-    )
-    print(f"wrote {arguments.out}")
-    return 0 if result.verdict == "success" else 1
+    out: Path = arguments.out
+    if out.suffix and arguments.task == "all":
+        raise ConfigError(f"--out: expected a directory for several tasks, got {out}")
+    missed = False
+    trials = specs(arguments)
+    for task in dict.fromkeys(trial.task for trial in trials):
+        for trial in (trial for trial in trials if trial.task == task):
+            result, moments = record(trial)
+            print(line(result), flush=True)
+            if result.verdict == "success":
+                break
+        missed = missed or result.verdict != "success"
+        path = out if out.suffix else out / sheet_name(task)
+        write_sheet(result, moments, path, arguments.view)
+        print(f"{path}  {path.stat().st_size / 1000:.0f} kB", flush=True)
+    return int(missed)
 
 
 def main(argv: list[str] | None = None) -> int:

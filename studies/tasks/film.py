@@ -1,77 +1,94 @@
 """A trial as a sheet of pictures, to look at what the operator does."""
 
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import cv2
-import numpy as np
 
-from common.schemas import PlantState, SceneState
-from common.topics import PLANT_TRUTH, TASK_SCENE
-from services.sim.render import FollowCamera, contact_sheet, render_states
-from services.sim.scenes import SCENES
-from services.sim.scenes.base import View
-from services.sim.tasks import find_task
+from common.errors import TrillError
+from common.schemas import Message
+from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, Topic
+from deploy.film import Film, gather
+from deploy.frames import Image
+from deploy.task_sheet import TILE, headline, task_sheet
+from services.sim.cameras import CameraConfig, StereoRenderer
+from services.sim.scenes import find_scene
+from studies.tasks.links import links_words
 from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
 
-Moment = tuple[PlantState, SceneState]
+LARGEST = 150_000
+"""Of a JPEG file [bytes]."""
+_QUALITIES = (88, 82, 76, 70, 62, 54)
+_SHOWN = (PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS)
 
 
-def record(spec: TrialSpec) -> tuple[TrialResult, list[Moment]]:
-    """Run a trial and keep robot and scene as they were, 50 times a second."""
+class FilmError(TrillError):
+    """A sheet cannot be written."""
+
+
+def record(spec: TrialSpec) -> tuple[TrialResult, Film]:
+    """Run a trial and keep what its pictures are made from."""
     stack = TaskStack(spec)
-    moments: list[Moment] = []
-    things: list[SceneState] = []
-    stack.runner.on_message(TASK_SCENE, things.append)
+    heard: list[tuple[Topic[Any], Message]] = []
 
-    def keep(state: PlantState) -> None:
-        if things:
-            moments.append((state, things[-1]))
+    def keep(topic: Topic[Any]) -> None:
+        stack.runner.on_message(topic, lambda message: heard.append((topic, message)))
 
-    stack.runner.on_message(PLANT_TRUTH, keep)
+    for topic in _SHOWN:
+        keep(topic)
     try:
-        return stack.run(), moments
+        return stack.run(), gather(heard)
     finally:
         stack.runner.close()
 
 
-def write_sheet(
-    spec: TrialSpec,
-    moments: Sequence[Moment],
-    path: Path,
-    *,
-    pictures: int,
-    columns: int,
-    view: int,
-) -> None:
-    """Write evenly spaced moments as one PNG.
+def sheet_name(task: str) -> str:
+    """File name of a task's sheet."""
+    return f"{task.replace('/', '-')}.jpg"
+
+
+def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = None) -> None:
+    """Write the telling moments of a trial as one picture.
 
     Args:
-        spec: the trial they are from.
-        moments: in the order of time.
-        path: of the PNG.
-        pictures: how many.
-        columns: pictures in a row.
-        view: which of the scene's cameras.
+        result: of the trial.
+        film: of the trial.
+        path: of the picture; a JPEG is kept below :data:`LARGEST`.
+        view: number of the scene's camera; None: the one that shows the task best.
 
     Raises:
         RenderingUnavailableError: there is no off-screen OpenGL.
+        FilmError: the file cannot be written.
     """
-    scene = find_task(spec.task).scene
-    chosen = [moments[i] for i in np.linspace(0, len(moments) - 1, pictures).astype(int)]
-    frames = render_states(
-        [state for state, _ in chosen],
-        480,
-        400,
-        _camera(SCENES[scene].views[view]),
-        scene=scene,
-        objects=[things for _, things in chosen],
-    )
-    sheet = contact_sheet(list(frames), columns)
+    assert film.task is not None
+    links = "" if not result.links else f", link {links_words(result.links)}"
+    title = f"{headline(film.task)}   (synthetic operator, simulated{links})"
+    if result.verdict != "success":
+        title += f": {result.reason}"
+    camera = None if view is None else find_scene(film.scene).views[view]
+    renderer = StereoRenderer(CameraConfig(scene=film.scene, width=TILE[0], height=TILE[1]))
+
+    def eye(index: int) -> Image:
+        (things,) = film.things([index])
+        return renderer.render(film.truth[index], ["left"], things)[0]
+
+    try:
+        sheet = task_sheet(film, title, eye, lambda _done, _total: None, camera)
+    finally:
+        renderer.close()
     path.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR))
+    try:
+        path.write_bytes(_encoded(sheet, path.suffix))
+    except (OSError, cv2.error) as error:
+        raise FilmError(f"cannot write {path}: expected a name like sheet.jpg: {error}") from error
 
 
-def _camera(view: View) -> FollowCamera:
-    """The scene's view, carried along with the robot."""
-    return FollowCamera(view.azimuth, view.elevation, view.distance, view.target[2], lag=0.0001)
+def _encoded(sheet: Image, suffix: str) -> bytes:
+    """A file's content; of a JPEG the best quality that is small enough."""
+    picture, file = cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR), b""
+    for quality in _QUALITIES:
+        _, encoded = cv2.imencode(suffix, picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+        file = encoded.tobytes()
+        if len(file) <= LARGEST or suffix not in {".jpg", ".jpeg"}:
+            break
+    return file

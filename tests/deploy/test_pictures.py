@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from common.schemas import Gait
-from deploy import pictures
+from deploy import task_sheet
 from deploy.errors import DeployError
 from deploy.film import Film, gather
 from deploy.pictures import COLUMNS, TILE, VIDEO, caption, write_contact_sheet, write_video
@@ -73,7 +73,7 @@ def test_without_graphics_the_run_is_as_good(
     def unavailable(_states: Iterable[Any], *_: Any, **__: Any) -> Iterator[Any]:
         raise RenderingUnavailableError("no off-screen OpenGL: install libegl1")
 
-    monkeypatch.setattr(pictures, "render_states", unavailable)
+    monkeypatch.setattr(task_sheet, "render_states", unavailable)
     recorded(tmp_path)
     assert draw_pictures(tmp_path, video=True) == [
         "no pictures: no off-screen OpenGL: install libegl1"

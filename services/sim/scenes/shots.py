@@ -1,0 +1,31 @@
+"""From where a task is filmed, so that a stranger sees what is done."""
+
+from typing import Final
+
+from services.sim.render import FollowCamera
+from services.sim.scenes import find_scene
+from services.sim.scenes.base import View
+
+Shot = View | FollowCamera
+
+SHOTS: Final[dict[str, Shot]] = {
+    "door/unlock": View((0.62, 0.25, 0.90), -50.0, -17.0, 1.3),
+    "door/walk": View((0.2, 0.0, 0.75), 55.0, -22.0, 3.6),
+    "door/push": View((0.6, 0.0, 0.85), 40.0, -24.0, 3.6),
+    "bench/hammer": View((0.40, -0.2, 0.85), 60.0, -22.0, 1.7),
+    "bench/walk": FollowCamera(40.0, -22.0, 3.2, 0.7, (0.3, -0.2), 0.0001),
+    "bench/push": FollowCamera(40.0, -22.0, 3.0, 0.7, (0.3, -0.2), 0.0001),
+    "twin/tool": View((0.36, -0.08, 0.87), -150.0, -26.0, 1.2),
+    "twin/cap": View((0.35, 0.0, 0.93), -140.0, -20.0, 0.95),
+}
+"""Cameras of the tasks; one that is missing is filmed by its scene's first view."""
+
+
+def shot_of(task: str, scene: str) -> Shot:
+    """The camera that shows ``task`` best.
+
+    Raises:
+        SceneError: there is no such scene.
+    """
+    views = find_scene(scene).views
+    return SHOTS.get(task) or (views[0] if views else FollowCamera())
