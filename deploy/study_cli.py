@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
+from deploy import study_human
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -15,12 +16,16 @@ if TYPE_CHECKING:
     from studies.latency.store import Store
 
 ROOT = Path("runs/studies/latency")
-TEXT = """Studies of teleoperation. `trill study latency` measures what control latency and
-interpolation of the hands' set-points do to completion time and success, with the synthetic
-operator, in simulated time."""
+TEXT = """The latency study: what control latency and interpolation of the hands' set-points do to
+completion time, success and workload. `latency` runs it with the synthetic operator, in simulated
+time, and reports; `add` takes in trials of persons from their logs, `tlx` their answers on
+workload. The two kinds of operator are never pooled."""
 EXAMPLES = """examples:
   trill study latency --episodes 25 --jobs 2
-  trill study latency --help
+  trill study add runs/20260131-120000 --participant P01 --condition interpolation
+  trill study tlx --participant P01 --task door/unlock --condition interpolation
+  trill study latency --report runs/studies/latency
+  trill study latency --help                       likewise add, tlx
 """
 LATENCY = """The synthetic operator does two manipulation tasks under four conditions, with the same
 seeds in each: raw input (hand set-points go to the controller as they come), interpolation (the
@@ -33,6 +38,8 @@ on, and more --episodes add seeds. Tasks and conditions of a directory do not ch
 
 Written: trials.csv (a row a trial), summary.csv and summary.json (a row a condition), latency.png.
 Printed: the summary, and whether the shape of the paper's result is there, by stated criteria.
+
+With --episodes 0 only the directory is begun, for sessions of persons (trill study add, tlx).
 
 Exit code: 0 all trials there, whatever they show; 1 not; 2 wrong options; 130 Ctrl-C."""
 LATENCY_EXAMPLES = f"""examples:
@@ -58,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     _latency_options(latency)
     latency.set_defaults(study=_latency)
+    study_human.add_commands(commands, ROOT)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _latency_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--episodes", type=_positive, default=25, help="seeds in each condition of each task (25)"
+        "--episodes", type=_number, default=25, help="seeds in each condition of each task (25)"
     )
     parser.add_argument("--jobs", type=_positive, help="trials at a time (one a processor)")
     parser.add_argument("--out", type=Path, default=ROOT, help=f"directory ({ROOT})")
@@ -99,6 +107,12 @@ def _latency_options(parser: argparse.ArgumentParser) -> None:
     same.add_argument(
         "--physics-steps", type=int, default=1, help="per step of the plant, 1 to 5 (1)"
     )
+
+
+def _number(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a number from 0 up, got {text!r}")
+    return int(text)
 
 
 def _positive(text: str) -> int:
@@ -155,6 +169,9 @@ def _latency(arguments: argparse.Namespace) -> int:
         text = f"\nended; what is done is in {store.root}: the same command goes on from there"
         console.print(text, markup=False, highlight=False, soft_wrap=True)
         raise
+    if arguments.episodes == 0:
+        print(f"{store.root}: ready for trials of persons")
+        return 0
     return _report(store)
 
 
@@ -179,19 +196,23 @@ def _report(store: "Store") -> int:
     from rich.console import Console
 
     from studies.latency.report import write_report
-    from studies.latency.tables import closing, summary_table
+    from studies.latency.tables import LEGEND, closing, summary_table, workload_table
 
     report = write_report(store)
     if report is None:
-        raise ConfigError(f"no trial has ended yet in {store.root}: run some first")
+        raise ConfigError(f"no trial and no sheet in {store.root} yet: run or add some first")
     console = Console()
     # A table cut to a pipe's 80 columns would lose its figures.
     if not console.is_terminal:
         console = Console(width=180)
     console.print(summary_table(report.plan, report.cells))
+    console.print(LEGEND, style="dim", highlight=False)
+    if report.workload:
+        console.print()
+        console.print(workload_table(report.plan, report.workload))
     console.print()
     console.print(closing(report.finding))
-    console.print(f"{store.root}: trials.csv, summary.csv, summary.json, latency.png")
+    console.print(f"{store.root}: {', '.join(report.files)}", markup=False, highlight=False)
     return 0
 
 

@@ -1,5 +1,6 @@
 """The study as a figure: completion times, success, and the workload where there are sheets."""
 
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from common.errors import ConfigError
 from studies.latency.plan import Plan
 from studies.latency.row import Operator, TrialRow
 from studies.latency.stats import CellSummary
+from studies.latency.tlx import AnswerSheet
+from studies.latency.workload_plot import draw_workload, workload_legend
 
 _COLOURS = ("#8a8f98", "#2b6cb0", "#e0a030", "#c2503a", "#6b4fa0", "#3f8f5f")
 _VERDICTS = (("success", "#3f8f5f"), ("partial", "#e6c15a"), ("failure", "#b5473c"))
@@ -34,49 +37,70 @@ def pyplot() -> Any:
     return plt
 
 
-def draw(path: Path, plan: Plan, rows: Sequence[TrialRow], cells: Sequence[CellSummary]) -> None:
+def draw(
+    path: Path,
+    plan: Plan,
+    rows: Sequence[TrialRow],
+    cells: Sequence[CellSummary],
+    sheets: Sequence[AnswerSheet] = (),
+) -> None:
     """Write the figure.
 
     Args:
         path: of the PNG.
         plan: of the study.
-        rows: trials of every operator.
+        rows: trials of every operator; at least one, or a sheet.
         cells: the same, summed up.
+        sheets: of persons; with any there is a panel more a task.
 
     Raises:
         ConfigError: matplotlib is not installed.
     """
     plt = pyplot()
-    tasks = [task for task in plan.tasks if any(row.task == task for row in rows)]
+    known = {row.task for row in rows} | {sheet.task for sheet in sheets}
+    tasks = [task for task in plan.tasks if task in known]
+    heights = [3.0, 1.15, 1.9] if sheets else [3.0, 1.15]
     figure, axes = plt.subplots(
-        2,
+        len(heights),
         len(tasks),
-        figsize=(1.6 + 4.6 * len(tasks), 6.6),
-        height_ratios=(3, 1.15),
+        figsize=(1.2 + 4.6 * max(1.4, len(tasks)), 2.2 + 1.1 * sum(heights)),
+        height_ratios=heights,
         squeeze=False,
         layout="constrained",
     )
     for column, task in enumerate(tasks):
-        _times(axes[0][column], plan, [row for row in rows if row.task == task])
-        _success(axes[1][column], plan, [cell for cell in cells if cell.task == task])
+        of_task = [row for row in rows if row.task == task]
+        if of_task:
+            _times(axes[0][column], plan, of_task)
+            _success(axes[1][column], plan, [cell for cell in cells if cell.task == task])
+        if sheets:
+            draw_workload(axes[2][column], plan, [s for s in sheets if s.task == task])
+        for number in range(len(heights)):
+            _conditions(axes[number][column], plan, labels=number == len(heights) - 1)
         axes[0][column].set_title(task, fontsize=11)
     axes[0][0].set_ylabel("completion time [s]")
     axes[1][0].set_ylabel("trials [%]")
-    figure.suptitle(_title(rows), fontsize=12)
-    _legend(figure, {row.operator for row in rows})
+    if sheets:
+        axes[2][0].set_ylabel("workload of persons\n(NASA-TLX, 0 to 100)")
+    figure.suptitle(_title(rows, sheets), fontsize=12)
+    handles = _legend({row.operator for row in rows}) + (workload_legend() if sheets else [])
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
 
-def _title(rows: Sequence[TrialRow]) -> str:
+def _title(rows: Sequence[TrialRow], sheets: Sequence[AnswerSheet]) -> str:
     persons = {row.participant for row in rows if row.operator == "human"}
-    seeds = {row.seed for row in rows if row.operator == "synthetic"}
+    persons |= {sheet.participant for sheet in sheets}
+    cells = Counter((r.task, r.condition) for r in rows if r.operator == "synthetic")
     parts = []
-    if seeds:
-        parts.append(f"synthetic operator, {len(seeds)} episodes a condition, simulated time")
+    if cells:
+        few, many = min(cells.values()), max(cells.values())
+        number = f"{many}" if few == many else f"{few} to {many}"
+        parts.append(f"synthetic operator, {number} trials each, simulated time")
     if persons:
         parts.append(f"{len(persons)} human participant{'s' if len(persons) > 1 else ''}")
-    return "Teleoperation under latency: " + "; ".join(parts)
+    return "Teleoperation under latency\n" + "; ".join(parts)
 
 
 def _times(axes: Any, plan: Plan, rows: Sequence[TrialRow]) -> None:
@@ -99,7 +123,6 @@ def _times(axes: Any, plan: Plan, rows: Sequence[TrialRow]) -> None:
             textcoords="offset points", fontsize=8, color="#b5473c",
         )  # fmt: skip
     axes.set_ylim(0.0, 1.08 * max([row.charged for row in rows]))
-    _conditions(axes, plan, labels=False)
 
 
 def _shift(operator: Operator | str, operators: Sequence[str]) -> float:
@@ -154,7 +177,6 @@ def _success(axes: Any, plan: Plan, cells: Sequence[CellSummary]) -> None:
         )  # fmt: skip
     axes.set_ylim(0.0, 118.0)
     axes.set_yticks([0, 50, 100])
-    _conditions(axes, plan, labels=True)
 
 
 def _conditions(axes: Any, plan: Plan, *, labels: bool) -> None:
@@ -167,7 +189,7 @@ def _conditions(axes: Any, plan: Plan, *, labels: bool) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _legend(figure: Any, operators: set[Operator]) -> None:
+def _legend(operators: set[Operator]) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -180,8 +202,6 @@ def _legend(figure: Any, operators: set[Operator]) -> None:
         Line2D([], [], color="black", linewidth=1.2, label="95 % interval of success (Wilson)")
     )
     if len(operators) > 1:
-        handles.append(Patch(facecolor="#dddddd", edgecolor="black", label="synthetic operator"))
-        handles.append(
-            Patch(facecolor="#dddddd", edgecolor="black", hatch="///", label="human operator")
-        )
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=8, frameon=False)
+        for label, hatch in (("synthetic operator", ""), ("human operator", "///")):
+            handles.append(Patch(facecolor="#dddddd", edgecolor="black", hatch=hatch, label=label))
+    return handles

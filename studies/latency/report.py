@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 
+from studies.latency.errors import LatencyStudyError
 from studies.latency.figure import draw
 from studies.latency.finding import Finding, find
 from studies.latency.plan import Plan
 from studies.latency.stats import CellSummary, summarise
-from studies.latency.store import Store
-from studies.latency.tables import write_summary, write_trials
+from studies.latency.store import SHEETS, Store
+from studies.latency.tables import write_summary, write_trials, write_workload
+from studies.latency.tlx import Workload, read_sheets, summarise_sheets
 
 FIGURE = "latency.png"
 
@@ -19,12 +21,16 @@ class Report:
     Attributes:
         plan: of the study.
         cells: every condition of every task.
+        workload: of the answer sheets.
         finding: the conclusion.
+        files: names of what was written.
     """
 
     plan: Plan
     cells: list[CellSummary]
+    workload: list[Workload]
     finding: Finding
+    files: tuple[str, ...]
 
 
 def write_report(store: Store) -> Report | None:
@@ -36,21 +42,35 @@ def write_report(store: Store) -> Report | None:
     """
     plan = store.plan()
     place = {condition.name: i for i, condition in enumerate(plan.conditions)}
-    rows = sorted(
-        [*store.rows(), *store.human_rows()],
+    rows, sheets = [*store.rows(), *store.human_rows()], read_sheets(store.root / SHEETS)
+    if not rows and not sheets:
+        return None
+    for task, condition in {
+        *((row.task, row.condition) for row in rows),
+        *((sheet.task, sheet.condition) for sheet in sheets),
+    }:
+        if task not in plan.tasks or condition not in place:
+            raise LatencyStudyError(
+                f"{store.root} has a trial or sheet of {task} under {condition}, which is not in "
+                f"its plan: expected {', '.join(plan.tasks)} under {', '.join(place)}"
+            )
+    rows.sort(
         key=lambda r: (
             r.operator != "synthetic",
-            r.task,
+            plan.tasks.index(r.task),
             place[r.condition],
             r.participant,
             r.seed,
-        ),
+        )
     )
-    if not rows:
-        return None
     cells = summarise(rows, list(place), plan.baseline.name)
+    workload = summarise_sheets(sheets, plan.tasks, list(place))
     finding = find(plan, rows)
+    files = ["trials.csv", "summary.csv", "summary.json", FIGURE]
     write_trials(store.root / "trials.csv", rows)
-    write_summary(store.root, plan, cells, finding, {})
-    draw(store.root / FIGURE, plan, rows, cells)
-    return Report(plan, cells, finding)
+    write_summary(store.root, plan, cells, finding, workload)
+    if workload:
+        write_workload(store.root / "workload.csv", workload)
+        files.insert(2, "workload.csv")
+    draw(store.root / FIGURE, plan, rows, cells, sheets)
+    return Report(plan, cells, workload, finding, tuple(files))

@@ -4,6 +4,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.schemas import TaskStatus
 from studies.latency.conditions import Condition
 from studies.latency.latencies import Input, Latencies, mean_p99
 
@@ -121,3 +122,15 @@ def link_take(latencies: Latencies, condition: Condition, at: Input) -> LinkTake
         used=len(found),
         lost=latencies.lost(*at),
     )
+
+
+def judged(status: TaskStatus) -> dict[str, object]:
+    """What the judge's last word says of stages and contacts."""
+    return {
+        "reached": bool(status.stages) and status.stages[-1].done,
+        "stages": tuple(stage.name for stage in status.stages if stage.done),
+        "undesired": tuple(
+            Touched(name=touch.name, since=touch.since, peak=touch.peak)
+            for touch in status.undesired
+        ),
+    }

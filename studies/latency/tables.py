@@ -16,6 +16,7 @@ from studies.latency.plan import Plan
 from studies.latency.row import LinkTake, TrialRow
 from studies.latency.stats import CellSummary, Interval
 from studies.latency.store import write_whole
+from studies.latency.tlx import SCALES, Workload
 
 _LINK = ("asked_mean", "asked_p99", "mean", "p99")
 
@@ -36,9 +37,13 @@ def write_csv(path: Path, rows: Sequence[dict[str, object]]) -> None:
 
 
 def write_summary(
-    root: Path, plan: Plan, cells: Sequence[CellSummary], finding: Finding, more: dict[str, object]
+    root: Path,
+    plan: Plan,
+    cells: Sequence[CellSummary],
+    finding: Finding,
+    workload: Sequence[Workload],
 ) -> None:
-    """``summary.csv`` and ``summary.json``; ``more`` are further parts of the latter."""
+    """``summary.csv`` and ``summary.json``."""
     write_csv(root / "summary.csv", [cell.flat() for cell in cells])
     content = {
         "plan": plan.model_dump(mode="json"),
@@ -46,8 +51,36 @@ def write_summary(
         "cells": [asdict(cell) for cell in cells],
         "criteria": CRITERIA,
         "finding": asdict(finding),
-    } | more
+        "workload": [part.model_dump(mode="json") for part in workload],
+    }
     write_whole(root / "summary.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def write_workload(path: Path, workload: Sequence[Workload]) -> None:
+    """One row a condition of a task."""
+    write_csv(
+        path, [part.model_dump(exclude={"scales"}) | dict(part.scales.items()) for part in workload]
+    )
+
+
+def workload_table(plan: Plan, workload: Sequence[Workload]) -> RenderableType:
+    """A row a condition of a task: persons' NASA-TLX."""
+    table = Table(pad_edge=False, show_edge=False, header_style="bold")
+    for name in ("human", "condition"):
+        table.add_column(name)
+    for name in ("sheets", "persons", *SCALES, "raw", "weighted"):
+        table.add_column(name, justify="right")
+    for part in workload:
+        table.add_row(
+            part.task,
+            plan.condition(part.condition).title,
+            str(part.sheets),
+            str(part.participants),
+            *(f"{part.scales[scale]:.0f}" for scale in SCALES),
+            f"{part.raw:.1f}",
+            "" if part.weighted is None else f"{part.weighted:.1f} (of {part.weighted_sheets})",
+        )
+    return table
 
 
 def summary_table(plan: Plan, cells: Sequence[CellSummary]) -> RenderableType:
@@ -58,7 +91,7 @@ def summary_table(plan: Plan, cells: Sequence[CellSummary]) -> RenderableType:
     table.add_column("condition")
     for name in (
         "n", "success % [95 %]", "partial %", "median s [quartiles]", "mean s [95 %]",
-        f"against {plan.baseline.name} s [95 %]", "command ms", "feedback ms",
+        f"against {plan.baseline.name} s [95 %]", "arms rad/s²", "command ms", "feedback ms",
     ):  # fmt: skip
         table.add_column(name, justify="right")
     last = ("", "")
@@ -71,6 +104,14 @@ def summary_table(plan: Plan, cells: Sequence[CellSummary]) -> RenderableType:
             cell.operator, cell.task, plan.condition(cell.condition).title, *_cells_text(cell)
         )
     return table
+
+
+LEGEND = (
+    "Times of trials that reached the goal. Against the other condition: all trials with the same "
+    "start, those that did not reach the goal with the time limit. Arms: root mean square of joint "
+    "accelerations. Latency: asked for, then measured mean/p99 from sending a message to the step "
+    "that acted on it."
+)
 
 
 def closing(finding: Finding) -> RenderableType:
@@ -96,6 +137,7 @@ def _cells_text(cell: CellSummary) -> list[str]:
         "none" if cell.time_mean is None
         else f"{cell.time_mean:.1f}{_interval(cell.time_interval, '.1f')}",
         "" if found is None else f"{found.mean:+.2f}{_interval(found.interval, '+.2f')}",
+        "?" if cell.arm_acceleration is None else f"{cell.arm_acceleration:.1f}",
         _latency(cell.command_asked, cell.command, cell.command_p99),
         _latency(cell.feedback_asked, cell.feedback, cell.feedback_p99),
     ]  # fmt: skip

@@ -1,0 +1,62 @@
+from studies.latency.finding import find
+from tests.latency.support import CONDITIONS, HAMMER, UNLOCK, plan_of, row, rows
+
+PLAN = plan_of(*CONDITIONS, tasks=(UNLOCK,))
+AS_PUBLISHED = {"raw": 8.0, "interpolation": 8.2, "latency-250": 9.0, "latency-500": 10.0}
+
+
+def test_the_papers_shape_is_recognised() -> None:
+    finding = find(PLAN, rows(AS_PUBLISHED))
+    assert finding.reproduced is True
+    assert [check.held for check in (*finding.latency, *finding.interpolation)] == [True] * 3
+    assert "NOT" not in finding.sentence
+    assert "synthetic" in finding.sentence
+
+
+def test_time_that_does_not_rise_is_said() -> None:
+    finding = find(PLAN, rows(AS_PUBLISHED | {"latency-500": 8.9}))
+    assert finding.reproduced is False
+    assert [check.held for check in finding.latency] == [True, False]
+    assert "NOT reproduced" in finding.sentence
+    assert "+500 ms against +250 ms: -0.10 s" in finding.sentence
+
+
+def test_a_rise_within_the_noise_is_not_a_rise() -> None:
+    noisy = [
+        row("latency-250", seed, time)
+        for seed, time in enumerate([6.0, 12.0, 7.0, 11.0, 6.5, 12.5])
+    ]
+    trials = [r for r in rows(AS_PUBLISHED) if r.condition != "latency-250"] + noisy
+    finding = find(PLAN, trials)
+    assert finding.latency[0].held is False
+    assert finding.reproduced is False
+
+
+def test_costly_interpolation_is_said() -> None:
+    finding = find(PLAN, rows(AS_PUBLISHED | {"raw": 7.0}))
+    assert finding.reproduced is False
+    assert finding.interpolation[0].held is False
+    assert "interpolation costs little" in finding.sentence
+
+
+def test_trials_that_do_not_end_count_with_the_limit() -> None:
+    trials = [r for r in rows(AS_PUBLISHED) if r.condition != "latency-500"]
+    trials += [row("latency-500", seed, 4.0, "failure") for seed in range(6)]
+    finding = find(PLAN, trials)
+    assert finding.latency[1].held is True
+
+
+def test_few_trials_prove_nothing() -> None:
+    finding = find(PLAN, rows(AS_PUBLISHED, seeds=4))
+    assert finding.reproduced is None
+    assert "cannot be told" in finding.sentence
+    assert find(plan_of(CONDITIONS[1]), rows({"interpolation": 8.0})).reproduced is None
+
+
+def test_every_task_must_show_it_and_persons_do_not_count() -> None:
+    plan = plan_of(*CONDITIONS, tasks=(UNLOCK, HAMMER))
+    assert find(plan, rows(AS_PUBLISHED)).reproduced is None
+    both = [*rows(AS_PUBLISHED), *rows(AS_PUBLISHED | {"latency-250": 8.1}, task=HAMMER)]
+    assert find(plan, both).reproduced is False
+    human = [r.model_copy(update={"operator": "human"}) for r in rows(AS_PUBLISHED)]
+    assert find(PLAN, human).reproduced is None
