@@ -15,8 +15,8 @@ def normalised(quaternion: Array) -> Array:
 
 def multiply(a: Array, b: Array) -> Array:
     """Hamilton product (4,): the rotation ``b`` followed by ``a``, both about parent axes."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
+    aw, ax, ay, az = a.tolist()
+    bw, bx, by, bz = b.tolist()
     return np.array(
         [
             aw * bw - ax * bx - ay * by - az * bz,

@@ -24,10 +24,17 @@ class _Link:
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
     """``vector`` (3,) turned by a unit quaternion (4,)."""
-    w, v = quaternion[0], quaternion[1:]
-    twice = 2.0 * np.cross(v, vector)
-    result: Array = vector + w * twice + np.cross(v, twice)
-    return result
+    # In plain numbers: for three of them numpy's cross product takes forty times as long.
+    w, x, y, z = quaternion.tolist()
+    a, b, c = vector.tolist()
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return np.array(
+        [
+            a + w * p + (y * r - z * q),
+            b + w * q + (z * p - x * r),
+            c + w * r + (x * q - y * p),
+        ]
+    )
 
 
 def _numbers(element: ET.Element, name: str, default: str) -> Array:
