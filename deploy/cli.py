@@ -9,6 +9,7 @@ from pathlib import Path
 from common.errors import ConfigError, TrillError
 from deploy import (
     collect_cli,
+    dataset_cli,
     latency_cli,
     ledger_cli,
     logs_cli,
@@ -139,6 +140,7 @@ COMMANDS = (
     _Command(*latency_cli.ENTRY),
     _Command(*tasks_cli.ENTRY),
     _Command(*collect_cli.ENTRY),
+    _Command(*dataset_cli.ENTRY),
     _Command(*study_cli.ENTRY),
     _Command(
         "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report

@@ -247,20 +247,18 @@ class _Writer:
             if about["dtype"] not in {"video", "image"}:
                 stats[key] = of_columns(self.tables.read(key))
         stats |= {layout.PICTURE_KEYS[eye]: seen.stats() for eye, seen in self.total.items()}
-        synthetic = all(chosen.meta.synthetic for chosen in self.source.episodes)
         content = layout.info(
-            self.described,
-            episodes=len(self.rows),
-            frames=self.frames,
-            tasks=len(self._goals),
-            synthetic=synthetic,
+            self.described, episodes=len(self.rows), frames=self.frames, tasks=len(self._goals)
         )
         layout.write_json(self.root / layout.INFO_PATH, content)
         layout.write_json(self.root / layout.STATS_PATH, stats)
         layout.write_tasks(self.root / layout.TASKS_PATH, self._goals)
         layout.write_episodes(self.root, self.rows)
         made = [chosen.meta.model_dump(mode="json") for chosen in self.source.episodes]
-        layout.write_json(self.root / "meta/trill.json", {"episodes": made})
+        synthetic = all(chosen.meta.synthetic for chosen in self.source.episodes)
+        # Beside info.json: lerobot takes nothing there that it does not know.
+        about = {"synthetic_operator": synthetic, "episodes": made}
+        layout.write_json(self.root / "meta/trill.json", about)
         (self.root / "README.md").write_text(card(self.source), encoding="utf-8")
 
 

@@ -102,9 +102,7 @@ def schema(described: Mapping[str, Mapping[str, Any]]) -> pa.Schema:
     return pa.schema(fields)
 
 
-def info(
-    described: Mapping[str, Any], *, episodes: int, frames: int, tasks: int, synthetic: bool
-) -> dict[str, Any]:
+def info(described: Mapping[str, Any], *, episodes: int, frames: int, tasks: int) -> dict[str, Any]:
     """Content of ``meta/info.json``."""
     video = any(about["dtype"] == "video" for about in described.values())
     return {
@@ -121,7 +119,6 @@ def info(
         "data_path": DATA_PATH,
         "video_path": VIDEO_PATH if video else None,
         "features": dict(described),
-        "synthetic": synthetic,
     }
 
 

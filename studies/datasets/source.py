@@ -197,11 +197,11 @@ def _wanted(choice: Choice, sizes: set[tuple[int, int] | None]) -> tuple[int, in
 
 @contextmanager
 def reading(chosen: Chosen) -> Iterator[Episode]:
-    """Open an episode and check that its frames are evenly spaced.
+    """Open an episode, check that its frames are evenly spaced, and export it.
 
     Raises:
-        DatasetError: they are not.
-        CollectError: it cannot be read.
+        DatasetError: they are not, or the episode cannot be read to its end or written.
+        CollectError: it cannot be opened.
     """
     with open_episode(chosen.path) as episode:
         stamps = episode.array("time/robot_ns", slice(0, chosen.frames))
@@ -213,7 +213,10 @@ def reading(chosen: Chosen) -> Iterator[Episode]:
                 f"{(stamps[worst] - places[worst]) * 1e-6:+.1f} ms off; both formats know nothing "
                 "but evenly spaced frames, so this episode cannot be exported"
             )
-        yield episode
+        try:
+            yield episode
+        except (OSError, cv2.error) as error:
+            raise DatasetError(f"{chosen.path} cannot be exported: {error}") from error
 
 
 def goal_of(task: str) -> str:

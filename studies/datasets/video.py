@@ -55,7 +55,7 @@ class VideoFiles:
         if size[0] % 2 or size[1] % 2:
             raise DatasetError(
                 f"video needs an even width and height, got {size[0]}x{size[1]}; give other "
-                "--width and --height, or --pictures images"
+                "--width and --height, or --pictures embedded"
             )
         self._pattern, self._size, self._rate = pattern, size, rate
         self._crf, self._limit = crf, limit

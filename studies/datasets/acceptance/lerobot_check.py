@@ -9,9 +9,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-os.environ["HF_HUB_OFFLINE"] = "1"
-"""A file that is missed is to be an error, not a download."""
-
 import numpy as np
 
 from studies.datasets.acceptance.original import (
@@ -35,7 +32,9 @@ _AGES = ("state", "controller", "truth", "seen")
 
 
 def loader(export: Path, **options: Any) -> Any:
-    """lerobot's data set."""
+    """The export as lerobot's data set."""
+    # A file that is missed is to be an error, not a download.
+    os.environ["HF_HUB_OFFLINE"] = "1"
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
     return LeRobotDataset("trill/export", root=export, video_backend="pyav", **options)
@@ -56,12 +55,13 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
     report |= _statistics(data)
     report |= _windows(export, data, eyes)
     if train:
-        report["loss, ACT"] = _train(export, data, eyes)
+        report["loss, ACT"] = _train(export, data)
     return report
 
 
 def _compare(data: Any, roots: Sequence[Path], eyes: Sequence[str]) -> dict[str, Any]:
-    numbers, place, noise = 0, 0, {eye: [] for eye in eyes}  # type: dict[str, list[float]]
+    numbers, place = 0, 0
+    noise: dict[str, list[float]] = {eye: [] for eye in eyes}
     for episode, original in enumerate(originals(roots)):
         parts = {
             "observation.state": _joined(original, "observation", _STATE),
@@ -149,7 +149,7 @@ def _windows(export: Path, data: Any, eyes: Sequence[str]) -> dict[str, Any]:
     return {"a batch of actions": expected}
 
 
-def _train(export: Path, data: Any, eyes: Sequence[str]) -> Any:
+def _train(export: Path, data: Any) -> Any:
     """First and last loss of a few steps of lerobot's ACT, small; or why there is none."""
     import torch
 
@@ -159,17 +159,17 @@ def _train(export: Path, data: Any, eyes: Sequence[str]) -> Any:
         from lerobot.policies.factory import make_pre_post_processors
     except ImportError as error:
         return f"not tried: {error}"
-    from lerobot.configs.types import PolicyFeature
-    from lerobot.datasets import utils
+    from lerobot.configs.types import FeatureType, PolicyFeature
 
-    convert = getattr(utils, "dataset_to_policy_features", None)
-    if convert is None:
-        from lerobot.datasets.feature_utils import dataset_to_policy_features as convert
     torch.manual_seed(0)
-    features: dict[str, PolicyFeature] = convert(data.meta.features)
+    shapes = {key: tuple(about["shape"]) for key, about in data.meta.features.items()}
+    seen = {"observation.state": PolicyFeature(FeatureType.STATE, shapes["observation.state"])}
+    for key in data.meta.camera_keys:
+        height, width, colours = shapes[key]
+        seen[key] = PolicyFeature(FeatureType.VISUAL, (colours, height, width))
     config = ACTConfig(
-        input_features={key: f for key, f in features.items() if key.startswith("observation")},
-        output_features={"action": features["action"]},
+        input_features=seen,
+        output_features={"action": PolicyFeature(FeatureType.ACTION, shapes["action"])},
         pretrained_backbone_weights=None,
         chunk_size=CHUNK,
         n_action_steps=CHUNK,
@@ -190,7 +190,7 @@ def _train(export: Path, data: Any, eyes: Sequence[str]) -> Any:
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
-        losses.append(round(float(loss), 3))
+        losses.append(round(float(loss.detach()), 3))
     if not np.isfinite(losses).all() or min(losses[1:]) >= losses[0]:
         raise MismatchError(f"training does not work: losses {losses}")
     return losses

@@ -22,7 +22,7 @@ _LIMBS = ("left_foot", "right_foot", "left_hand", "right_hand")
 def expected_observations(original: Original) -> dict[str, Any]:
     """What robomimic should see of an episode but the pictures: (frames, columns) by key."""
     poses, names = original.array("observation/poses"), original.names("observation/poses")
-    found = {}
+    found: dict[str, Any] = {}
     for limb in _LIMBS:
         key = f"robot0_{limb.replace('hand', 'eef')}"
         at = [names.index(f"{limb}.{part}") for part in ("x", "y", "z")]
@@ -52,8 +52,8 @@ def picture_keys(export: Path) -> dict[str, str]:
 
 
 def loader(export: Path, low: Sequence[str], rgb: Sequence[str], **options: Any) -> Any:
-    """robomimic's data set, everything about its file as by default."""
-    import robomimic.utils.obs_utils as obs_utils
+    """The export as robomimic's data set, the file opened as by default."""
+    from robomimic.utils import obs_utils
     from robomimic.utils.dataset import SequenceDataset
 
     specs = {"obs": {"low_dim": list(low), "rgb": list(rgb)}}
@@ -137,11 +137,10 @@ def _train(
     export: Path, low: Sequence[str], rgb: Sequence[str], steps: int = STEPS, batch: int = 16
 ) -> list[float]:
     """First and last loss of a few steps of robomimic's BC-RNN; it must fall or stay finite."""
-    import robomimic.utils.obs_utils as obs_utils
-    import robomimic.utils.torch_utils as torch_utils
     import torch
     from robomimic.algo import algo_factory
     from robomimic.config import config_factory
+    from robomimic.utils import obs_utils, torch_utils
 
     torch.manual_seed(0)
     data = loader(export, low, rgb, seq_length=SEQUENCE)
@@ -165,7 +164,7 @@ def _train(
     )
     model.set_train()
     batches = torch.utils.data.DataLoader(data, batch_size=batch, shuffle=True)
-    losses = []
+    losses: list[float] = []
     while len(losses) < steps:
         for items in batches:
             prepared = model.process_batch_for_training(items)
