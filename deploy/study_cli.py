@@ -34,7 +34,7 @@ is run as often as its condition asks, never twice. What was really injected is 
 messages were used.
 
 Every trial that has ended is kept, whenever the study is stopped or killed: the same command goes
-on, and more --episodes add seeds. Tasks and conditions of a directory do not change.
+on, and more --episodes add seeds. Tasks, conditions and the system's source must be the same.
 
 Written: trials.csv (a row a trial), summary.csv and summary.json (a row a condition), latency.png.
 Printed: the summary, and whether the shape of the paper's result is there, by stated criteria.
@@ -204,7 +204,7 @@ def _report(store: "Store") -> int:
     console = Console()
     # A table cut to a pipe's 80 columns would lose its figures.
     if not console.is_terminal:
-        console = Console(width=180)
+        console = Console(width=190)
     console.print(summary_table(report.plan, report.cells))
     console.print(LEGEND, style="dim", highlight=False)
     if report.workload:

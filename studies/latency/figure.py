@@ -14,7 +14,8 @@ from studies.latency.stats import CellSummary
 from studies.latency.tlx import AnswerSheet
 from studies.latency.workload_plot import draw_workload, workload_legend
 
-_COLOURS = ("#8a8f98", "#2b6cb0", "#e0a030", "#c2503a", "#6b4fa0", "#3f8f5f")
+_COLOURS = ("#8a8f98", "#2b6cb0", "#2a9d9d", "#6b4fa0", "#a0527e", "#5b4636")
+"""Of conditions; none is one of a verdict."""
 _VERDICTS = (("success", "#3f8f5f"), ("partial", "#e6c15a"), ("failure", "#b5473c"))
 _MARKS = {"success": "o", "partial": "D", "failure": "X", "error": "X"}
 _OFFSET = {"synthetic": 0.0, "human": 0.4}
@@ -84,7 +85,7 @@ def draw(
         axes[2][0].set_ylabel("workload of persons\n(NASA-TLX, 0 to 100)")
     figure.suptitle(_title(rows, sheets), fontsize=12)
     handles = _legend({row.operator for row in rows}) + (workload_legend() if sheets else [])
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
     figure.savefig(path, dpi=150)
     plt.close(figure)
 
@@ -119,10 +120,10 @@ def _times(axes: Any, plan: Plan, rows: Sequence[TrialRow]) -> None:
         axes.axhline(limit, color="#b5473c", linewidth=0.8, linestyle=":")
         axes.annotate(
             f"time limit {limit:g} s: goal not reached",
-            (0.01, limit), xycoords=("axes fraction", "data"), xytext=(0, 3),
+            (0.01, limit), xycoords=("axes fraction", "data"), xytext=(0, 7),
             textcoords="offset points", fontsize=8, color="#b5473c",
         )  # fmt: skip
-    axes.set_ylim(0.0, 1.08 * max([row.charged for row in rows]))
+    axes.set_ylim(0.0, 1.1 * max([row.charged for row in rows]))
 
 
 def _shift(operator: Operator | str, operators: Sequence[str]) -> float:
@@ -193,14 +194,17 @@ def _legend(operators: set[Operator]) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    colours = dict(_VERDICTS)
     handles: list[Any] = [
-        Line2D([], [], marker=_MARKS[name], color=colour, linestyle="none", label=name,
-               markeredgecolor="black", markeredgewidth=0.5)
-        for name, colour in _VERDICTS
+        Line2D([], [], marker="o", color="#777777", linestyle="none", label="trial: success"),
+        *(
+            Line2D([], [], marker=_MARKS[name], color=colours[name], linestyle="none",
+                   label=f"trial: {name}", markeredgecolor="black", markeredgewidth=0.5)
+            for name in ("partial", "failure")
+        ),
+        *(Patch(color=colour, label=f"share: {name}") for name, colour in _VERDICTS),
+        Line2D([], [], color="black", linewidth=1.2, label="success, 95 % (Wilson)"),
     ]  # fmt: skip
-    handles.append(
-        Line2D([], [], color="black", linewidth=1.2, label="95 % interval of success (Wilson)")
-    )
     if len(operators) > 1:
         for label, hatch in (("synthetic operator", ""), ("human operator", "///")):
             handles.append(Patch(facecolor="#dddddd", edgecolor="black", hatch=hatch, label=label))

@@ -1,8 +1,11 @@
 """What a study consists of: everything that decides its figures but the number of episodes."""
 
+import hashlib
+import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -15,6 +18,8 @@ from studies.tasks.stack import TrialSpec
 
 DEFAULT_TASKS = ("door/unlock", "bench/hammer")
 """The two manipulation tasks in simulation."""
+_CODE = ("common", "services.sim", "services.wbc", "services.teleop", "studies.tasks")
+"""Packages whose source can change a trial."""
 _PACKAGES = ("trill", "mujoco", "pin", "osqp", "daqp", "scipy", "numpy")
 
 
@@ -42,7 +47,7 @@ class Plan(BaseModel):
         torque_mode: torque limits of plant and controller.
         pace: of the gaits; empty: as the torque mode has it.
         physics_steps: physics steps a step of the plant's service.
-        versions: of the packages that can change a trial.
+        versions: of the packages that can change a trial, and a digest of this system's source.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -130,11 +135,22 @@ class Plan(BaseModel):
 
 
 def versions() -> dict[str, str]:
-    """Versions of the packages that can change a trial."""
-    found = {}
+    """Versions of what can change a trial: packages, and a digest of this system's own source."""
+    found = {"source": _digest()}
     for package in _PACKAGES:
         try:
             found[package] = version(package)
         except PackageNotFoundError:
             continue
     return found
+
+
+def _digest() -> str:
+    total = hashlib.sha256()
+    for package in _CODE:
+        root = Path(next(iter(importlib.import_module(package).__path__)))
+        for path in sorted(root.rglob("*")):
+            if path.suffix in {".py", ".xml"}:
+                total.update(f"{package} {path.relative_to(root).as_posix()}\n".encode())
+                total.update(path.read_bytes())
+    return total.hexdigest()[:12]

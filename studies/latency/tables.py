@@ -91,7 +91,7 @@ def summary_table(plan: Plan, cells: Sequence[CellSummary]) -> RenderableType:
     table.add_column("condition")
     for name in (
         "n", "success % [95 %]", "partial %", "median s [quartiles]", "mean s [95 %]",
-        f"against {plan.baseline.name} s [95 %]", "arms rad/s²", "command ms", "feedback ms",
+        f"Δ {plan.baseline.name} s [95 %]", "arms rad/s²", "command ms", "feedback ms",
     ):  # fmt: skip
         table.add_column(name, justify="right")
     last = ("", "")
@@ -107,10 +107,10 @@ def summary_table(plan: Plan, cells: Sequence[CellSummary]) -> RenderableType:
 
 
 LEGEND = (
-    "Times of trials that reached the goal. Against the other condition: all trials with the same "
-    "start, those that did not reach the goal with the time limit. Arms: root mean square of joint "
-    "accelerations. Latency: asked for, then measured mean/p99 from sending a message to the step "
-    "that acted on it."
+    "Times of trials that reached the goal. Δ: mean difference to that condition over all trials "
+    "with the same start, those that did not reach the goal with the time limit. Arms: root mean "
+    "square of joint accelerations. Latency: asked for, then measured mean/p99 from sending a "
+    "message to the step that acted on it."
 )
 
 

@@ -2,6 +2,7 @@ import json
 import random
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -80,7 +81,7 @@ def test_every_pair_must_be_there_once() -> None:
     "wrong",
     [{"participant": "Jane Doe"}, {"participant": ""}, {"mood": 3}, {"date": "2026-03-01T12:00"}],
 )
-def test_other_keys_names_and_dates_without_a_zone_are_refused(wrong: dict[str, object]) -> None:
+def test_other_keys_names_and_dates_without_a_zone_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ValidationError):
         sheet(**wrong)
 

@@ -1,0 +1,124 @@
+"""Real trials: run by the command, and read back from a log."""
+
+from pathlib import Path
+
+import pytest
+
+from common.bus.wire import wire_header
+from deploy.cli import main
+from services.logger.config import LoggerConfig
+from services.logger.errors import LoggerError
+from services.logger.reader import LogReader
+from services.logger.sink import McapSink
+from services.teleop.synthetic.traits import TRAITS
+from studies.latency.conditions import standard
+from studies.latency.fromlog import trials_of
+from studies.latency.plan import Cell
+from studies.latency.row import TrialRow
+from studies.latency.store import Store
+from studies.tasks.stack import TaskStack
+from tests.latency.support import UNLOCK, plan_of
+
+SETTINGS = ["--tasks", UNLOCK, "--traits", "steady", "--physics-steps", "5"]
+CONDITIONS = ["--condition", "interpolation", "--condition", "latency-250"]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Store:
+    """Two conditions, one seed, run once."""
+    root = tmp_path_factory.mktemp("study")
+    words = ["study", "latency", "--episodes", "1", "--jobs", "2", "--out", str(root)]
+    assert main([*words, *SETTINGS, *CONDITIONS]) == 0
+    return Store(root)
+
+
+@pytest.fixture(scope="module")
+def late(done: Store) -> TrialRow:
+    return next(row for row in done.rows() if row.condition == "latency-250")
+
+
+def test_latency_is_measured_where_it_was_used(done: Store, late: TrialRow) -> None:
+    prompt = next(row for row in done.rows() if row.condition == "interpolation")
+    assert late.verdict == prompt.verdict == "success"
+    assert late.time > prompt.time
+    assert (prompt.command.asked_mean, late.command.asked_mean) == (0.0, 0.25)
+    assert prompt.command.mean is not None
+    assert late.command.mean is not None
+    # The controller steps every 10 ms.
+    assert 0.0 <= prompt.command.mean <= 0.0101
+    assert 0.25 <= late.command.mean <= 0.2601
+    # 20 set-points a second, from when the robot stands.
+    assert 20 * (late.time - 2.0) < late.command.used < 20 * late.simulated
+    assert late.feedback.mean is not None
+    assert late.feedback.mean < 0.01
+    assert late.hand_path is not None
+    assert 0.3 < late.hand_path < 5.0
+    assert late.arm_acceleration is not None
+    assert late.arm_acceleration > 0.0
+
+
+def test_it_leaves_tables_and_figure(done: Store) -> None:
+    assert {"trials.csv", "summary.csv", "summary.json", "latency.png", "study.json"} <= {
+        path.name for path in done.root.iterdir()
+    }
+
+
+def test_the_same_command_finds_nothing_to_do(
+    done: Store, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = (done.root / "trials.jsonl").read_bytes()
+    words = ["study", "latency", "--episodes", "1", "--out", str(done.root)]
+    assert main([*words, *SETTINGS, *CONDITIONS]) == 0
+    assert (done.root / "trials.jsonl").read_bytes() == before
+    assert main([*words, *CONDITIONS, "--tasks", UNLOCK]) == 2
+    assert "begun with other settings" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The late trial once more, recorded as a run is."""
+    folder = tmp_path_factory.mktemp("run")
+    plan = plan_of(*standard("command"), tasks=(UNLOCK,), traits=TRAITS["steady"], physics_steps=5)
+    stack = TaskStack(plan.spec(Cell(0, UNLOCK, "latency-250")), record=True)
+    stack.run()
+    stack.runner.close()
+    sink = McapSink(folder / "log.mcap", "draco3", LoggerConfig())
+    for sample in stack.runner.log:
+        sink.write(sample, wire_header(sample.payload))
+    sink.close({})
+    return folder
+
+
+def test_a_log_gives_the_same_trial(log: Path, late: TrialRow) -> None:
+    (row,) = trials_of(LogReader(log / "log.mcap"), "P01", standard("command")[2])
+    assert (row.operator, row.participant, row.condition) == ("human", "P01", "latency-250")
+    assert (row.task, row.seed, row.limit) == (late.task, late.seed, late.limit)
+    assert (row.verdict, row.time, row.reason) == (late.verdict, late.time, late.reason)
+    assert (row.stages, row.undesired, row.reached) == (late.stages, late.undesired, True)
+    assert row.command.mean == pytest.approx(late.command.mean, abs=0.001)
+    # The other goes on for half a second after the verdict.
+    assert row.hand_path == pytest.approx(late.hand_path, rel=0.2)
+    assert row.arm_acceleration == pytest.approx(late.arm_acceleration, rel=0.2)
+
+
+def test_a_persons_log_is_taken_in_once(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = str(tmp_path / "study")
+    assert main(["study", "latency", "--episodes", "0", "--out", root]) == 0
+    words = ["study", "add", str(log), "--condition", "latency-250", "--out", root]
+    assert main([*words, "--participant", "Jane Doe"]) == 2
+    assert main([*words, "--participant", "P01"]) == 0
+    assert "asked for 250 ms, measured 25" in capsys.readouterr().out
+    assert main([*words, "--participant", "P01"]) == 0
+    assert "there already" in capsys.readouterr().out
+    assert main(["study", "latency", "--report", root]) == 0
+    assert "human" in capsys.readouterr().out
+    store = Store(Path(root))
+    assert [row.key for row in store.human_rows()] == [("P01", UNLOCK, "latency-250", 0)]
+    assert store.rows() == []
+
+
+def test_a_log_that_is_none_is_told(tmp_path: Path) -> None:
+    with pytest.raises(LoggerError, match="cannot open"):
+        trials_of(LogReader(tmp_path / "log.mcap"), "P01", standard("command")[2])
