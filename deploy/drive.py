@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from deploy.errors import DeployError
 from deploy.launch import Ended, Verdict, running_system
 from deploy.monitor import TICK, Screen, Watch
+from deploy.new_trials import TrialBeginner
 from deploy.process import Exit
 from deploy.supervisor import Supervisor
 from deploy.system import SystemOptions, keyboard_operator, terminal
@@ -36,6 +37,8 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:
 def run_up(options: SystemOptions, base_port: int | None = None) -> Ended:
     """Run the robot's side with the live table until Ctrl-C; operators come and go by themselves.
 
+    With a task, an operator that comes begins a new trial.
+
     Raises:
         DeployError: the system cannot be started.
         BusError: the live table cannot reach the bus.
@@ -43,10 +46,14 @@ def run_up(options: SystemOptions, base_port: int | None = None) -> Ended:
     verdict = Verdict("completed", "stopped by Ctrl-C")
     with running_system(options, base_port) as running, Watch(running.bus) as seen:
         supervisor = running.supervisor
+        beginner = TrialBeginner(seen.session, running.bus.robot)
         with Screen(f"trill up  {running.title}") as screen:
             screen.say(f"{running.title}: running {', '.join(supervisor.running())}")
             while True:
-                screen.show(seen.look())
+                view = seen.look()
+                screen.show(view)
+                if said := beginner.look(view):
+                    screen.say(said)
                 exits = supervisor.poll()
                 for ended in exits:
                     screen.say(ended.describe())

@@ -20,12 +20,14 @@ from common.schemas import (
     GaitReply,
     Message,
     OperatorStatus,
+    PlantRequest,
     PlantState,
     PlantStatus,
     SceneState,
     TaskStatus,
 )
 from common.topics import PLANT_TRUTH, Topic
+from deploy.new_trials import SOURCE as NOBODYS
 
 RATE = 12.5
 """Ground truth is thinned to this [Hz], so that hours of it fit in memory."""
@@ -71,7 +73,9 @@ class Film:
     """Ground truth in order, and what went on meanwhile; numbers are indices into ``truth``.
 
     ``left`` and ``right`` hold (index, picture) of the robot's eyes, ``scenes`` where the scene's
-    things were at each ground truth, ``news`` (index, status) of the task when it had changed.
+    things were at each ground truth, ``news`` (index, status) of the task when it had changed,
+    ``script`` what the operator said it was playing last, ``idle`` the trials (by number of resets)
+    that ran before an operator came.
     """
 
     truth: list[PlantState] = field(default_factory=list)
@@ -82,6 +86,8 @@ class Film:
     right: list[tuple[int, CameraFrame]] = field(default_factory=list)
     scenes: list[SceneState | None] = field(default_factory=list)
     news: list[tuple[int, TaskStatus]] = field(default_factory=list)
+    script: str = ""
+    idle: set[int] = field(default_factory=set)
 
     @property
     def scene(self) -> str:
@@ -141,6 +147,7 @@ def gather(messages: Iterable[tuple[Topic[Any], Message]]) -> Film:
 def _take(film: Film, started: dict[int, int], now: int, message: Message) -> None:
     """Note what is not ground truth; ``started`` are the gaits under way by request id."""
     if isinstance(message, OperatorStatus):
+        film.script = message.script
         if message.label and (not film.labels or film.labels[-1][1] != message.label):
             film.labels.append((now, message.label))
     elif isinstance(message, GaitReply):
@@ -157,10 +164,12 @@ def _take(film: Film, started: dict[int, int], now: int, message: Message) -> No
         reel.append((now, message))
         if len(reel) > MOST_PICTURES:
             del reel[1::2]
-    elif isinstance(message, TaskStatus) and (
-        not film.news or _standing(film.news[-1][1]) != _standing(message)
-    ):
-        film.news.append((now, message))
+    elif isinstance(message, TaskStatus) and message.reset_count not in film.idle:
+        if not film.news or _standing(film.news[-1][1]) != _standing(message):
+            film.news.append((now, message))
+    elif isinstance(message, PlantRequest) and message.header.source == NOBODYS and film.task:
+        film.idle.add(film.task.reset_count)
+        film.news = [(at, news) for at, news in film.news if news.reset_count not in film.idle]
 
 
 def _standing(status: TaskStatus) -> tuple[object, ...]:

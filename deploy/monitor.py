@@ -31,7 +31,12 @@ TICK = 0.05
 
 
 class Watch:
-    """A board fed from the bus; a context manager."""
+    """A board fed from the bus; a context manager.
+
+    Attributes:
+        board: what was heard.
+        session: on the bus, while entered.
+    """
 
     def __init__(self, bus: BusConfig) -> None:
         """Prepare to watch ``bus``; nothing is opened yet."""
@@ -44,10 +49,10 @@ class Watch:
         Raises:
             BusError: the bus cannot be opened.
         """
-        self._session: Any = open_session(self._bus, SERVICE)
+        self.session: Any = open_session(self._bus, SERVICE)
         # Not the journals: who takes a service's first one should be able to keep it.
         shown = [subscription_of(self._bus.robot, t) for t in ALL_TOPICS if t is not JOURNAL]
-        self._tap = RawTap(self._session, self._bus.robot, expressions=shown)
+        self._tap = RawTap(self.session, self._bus.robot, expressions=shown)
         return self
 
     def __exit__(
@@ -57,7 +62,7 @@ class Watch:
         _trace: TracebackType | None,
     ) -> None:
         self._tap.close()
-        self._session.close()
+        self.session.close()
 
     def look(self) -> View:
         """Take in what arrived and return everything there is to show."""

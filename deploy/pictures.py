@@ -43,7 +43,7 @@ def write_contact_sheet(
     if not film.truth:
         raise DeployError("the log has no ground truth (plant/truth) to draw pictures from")
     if film.task is not None:
-        sheet = task_sheet(film, headline(film.task), recorded_eye(film), progress)
+        sheet = task_sheet(film, headline(film, film.task), recorded_eye(film), progress)
     else:
         sheet = _sheet(film, commanded, progress)
     if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):

@@ -19,6 +19,7 @@ from common.schemas import (
     GaitRequest,
     Message,
     OperatorStatus,
+    PlantRequest,
     PlantState,
     PlantStatus,
     ServiceHealth,
@@ -123,6 +124,8 @@ class _Readers:
                 self.services.read(message)
             case TaskStatus():
                 self.task.status(message)
+            case PlantRequest():
+                self.task.request(message)
             case OperatorStatus():
                 self.task.operator(message)
             case GaitRequest():

@@ -41,7 +41,8 @@ DRIVE_EXAMPLES = """examples:
 """
 UP = """Start the robot's side (plant, cameras, whole-body controller, logger) without an operator
 and show the live table until Ctrl-C. A service that fails is started again, three times at most.
-Operators come and go in terminals of their own."""
+Operators come and go in terminals of their own; with --task, one that comes while none was there
+begins a new trial (the plant is reset)."""
 UP_EXAMPLES = """examples:
   trill up
   trill up --no-record                leaves nothing but the services' own output

@@ -13,7 +13,7 @@ from services.sim.render import FollowCamera, contact_sheet, render_states
 from services.sim.scenes.base import View
 from services.sim.scenes.shots import shot_of
 
-TILE = (400, 300)
+TILE = (360, 270)
 """Width and height of one picture [pixels]."""
 COLUMNS = 4
 ROWS = 2
@@ -24,12 +24,15 @@ Eye = Callable[[int], Image | None]
 """The left eye's picture at a ground truth; None: there is none."""
 
 
-def headline(status: TaskStatus) -> str:
-    """Task, seed and verdict in one line."""
+def headline(film: Film, status: TaskStatus) -> str:
+    """Task, seed, verdict and operator in one line; ``status`` is the last of the film."""
     words = f"{status.task}  seed {status.seed}  "
     if status.verdict is TaskVerdict.RUNNING:
-        return f"{words}no verdict after {status.time:.1f} s"
-    return f"{words}{status.verdict.name} after {status.time:.1f} s"
+        words += f"no verdict after {status.time:.1f} s"
+    else:
+        words += f"{status.verdict.name} after {status.time:.1f} s"
+    operator = film.script.removesuffix(status.task).strip()
+    return f"{words}   operator: {operator}" if operator else words
 
 
 def scene_pictures(

@@ -1,6 +1,7 @@
 """What became of a run's scored task: trial by trial, from the plant's own judge. Pure."""
 
-from common.schemas import OperatorStatus, TaskStatus
+from common.schemas import OperatorStatus, PlantRequest, TaskStatus
+from deploy.new_trials import SOURCE as NOBODYS
 from deploy.run_summary import ContactTally, StageTally, TaskTrial
 
 
@@ -21,13 +22,20 @@ class TaskReader:
         """Take in who is operating."""
         self._operator = message.script
 
+    def request(self, message: PlantRequest) -> None:
+        """Take in what was asked of the plant: a trial before the operator came is nobody's."""
+        if message.header.source == NOBODYS and self._trials:
+            self._trials[-1].idle = True
+
     def tally(self) -> list[TaskTrial]:
         """Trials in the order of time; of those that never began only the last."""
-        return [t.tally() for t in self._trials if t.began or t is self._trials[-1]]
+        real = [trial for trial in self._trials if not trial.idle]
+        return [trial.tally() for trial in real if trial.began or trial is real[-1]]
 
 
 class _Trial:
     def __init__(self) -> None:
+        self.idle = False
         self._last: TaskStatus | None = None
         self._done: dict[str, float] = {}
         self._operator = ""

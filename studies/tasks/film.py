@@ -18,7 +18,7 @@ from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
 
 LARGEST = 150_000
 """Of a JPEG file [bytes]."""
-_QUALITIES = (88, 82, 76, 70, 62, 54)
+_QUALITIES = (88, 82, 76, 70, 62, 54, 46)
 _SHOWN = (PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS)
 
 
@@ -62,7 +62,7 @@ def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = 
     """
     assert film.task is not None
     links = "" if not result.links else f", link {links_words(result.links)}"
-    title = f"{headline(film.task)}   (synthetic operator, simulated{links})"
+    title = f"{headline(film, film.task)}, in simulated time{links}"
     if result.verdict != "success":
         title += f": {result.reason}"
     camera = None if view is None else find_scene(film.scene).views[view]

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 
 from common.schemas import (
     OperatorStatus,
+    PlantAction,
+    PlantRequest,
     SceneState,
+    ServiceHealth,
     TaskStage,
     TaskStatus,
     TaskVerdict,
     UndesiredContact,
 )
-from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS
+from common.topics import PLANT_REQUEST, PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS
 from tests.deploy.synthetic import Life, Pair
 
 STAGES = ("lever pressed", "door ajar", "door unlocked")
@@ -83,3 +86,17 @@ def unlocked(life: Life, verdict: TaskVerdict = TaskVerdict.SUCCESS) -> list[Pai
         *[*stand(life, 10, 0.2), status(life, 3, verdict, touched=touched)],
         *[*stand(life, 5, 0.2), status(life, 3, verdict, touched=touched, time=6.0)],
     ]
+
+
+def health(life: Life, service: str, boot: int) -> ServiceHealth:
+    """A sign of life of a service's life number ``boot``."""
+    message = life.health(service, misses=0, median=0.001, p99=0.002)[1]
+    assert isinstance(message, ServiceHealth)
+    header = message.header.model_copy(update={"boot": boot})
+    return message.model_copy(update={"header": header})
+
+
+def reset_by(life: Life, source: str) -> Pair:
+    """Somebody asks for a reset."""
+    header = life.header(PLANT_REQUEST, source)
+    return PLANT_REQUEST, PlantRequest(header=header, action=PlantAction.RESET)

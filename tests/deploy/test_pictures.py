@@ -12,7 +12,8 @@ from common.schemas import Gait
 from deploy import task_sheet
 from deploy.errors import DeployError
 from deploy.film import Film, gather
-from deploy.pictures import COLUMNS, TILE, VIDEO, caption, write_contact_sheet, write_video
+from deploy.frames import caption
+from deploy.pictures import COLUMNS, TILE, VIDEO, write_contact_sheet, write_video
 from deploy.report import draw_pictures
 from deploy.scoring import commanded_motions
 from services.sim.errors import RenderingUnavailableError

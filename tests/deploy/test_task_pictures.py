@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from common.schemas import CameraFrame
+from common.schemas import CameraFrame, TaskStatus
 from common.topics import CAMERA_LEFT
 from deploy.film import Film, gather
 from deploy.pictures import VIDEO, write_contact_sheet, write_video
@@ -65,9 +65,9 @@ def test_the_sheet_of_a_task_has_a_head_its_moments_and_the_eye(film: Film, tmp_
 def test_without_cameras_there_is_no_row_of_the_eye(film: Film) -> None:
     blind = Film(truth=film.truth, scenes=film.scenes, news=film.news)
     assert blind.task is not None
-    sheet = task_sheet(blind, headline(blind.task), recorded_eye(blind), quiet)
+    sheet = task_sheet(blind, headline(blind, blind.task), recorded_eye(blind), quiet)
     assert 2 * TILE[1] < sheet.shape[0] < 2 * TILE[1] + 60
-    assert headline(blind.task) == "door/unlock  seed 7  SUCCESS after 6.1 s"
+    assert headline(blind, blind.task) == "door/unlock  seed 7  SUCCESS after 6.1 s"
 
 
 def test_the_video_shows_the_scene_too(film: Film, tmp_path: Path) -> None:
@@ -89,4 +89,7 @@ def test_every_task_has_a_camera_and_a_new_one_its_scenes_first_view() -> None:
 
 def test_a_trial_without_a_verdict_has_a_headline_too() -> None:
     message = status(Life(), 1, time=3.0)[1]
-    assert headline(message) == "door/unlock  seed 7  no verdict after 3.0 s"  # type: ignore[arg-type]
+    assert isinstance(message, TaskStatus)
+    film = Film(script="synthetic door/unlock")
+    words = "door/unlock  seed 7  no verdict after 3.0 s   operator: synthetic"
+    assert headline(film, message) == words

@@ -7,9 +7,10 @@ import pytest
 from rich.console import Console
 
 from common.schemas import PlantStatus, TaskStatus, TaskVerdict
-from deploy.board import Board, View
+from deploy.board import Board, ServiceRow, View
 from deploy.demo import DemoOptions, Judge, _judge
 from deploy.film import gather
+from deploy.new_trials import NewTrials
 from deploy.process import Exit
 from deploy.report import report_lines
 from deploy.run_summary import RunSummary
@@ -19,7 +20,7 @@ from deploy.table import draw, line
 from deploy.task_film import standing_at, task_moments, trial_seconds
 from deploy.task_judge import AFTERMATH, PATIENCE, TaskJudge
 from tests.deploy.synthetic import Life, Pair
-from tests.deploy.task_life import operator, stand, status, unlocked
+from tests.deploy.task_life import health, operator, reset_by, stand, status, unlocked
 from tests.deploy.test_board import sample
 
 SUCCESS, PARTIAL, FAILURE = TaskVerdict.SUCCESS, TaskVerdict.PARTIAL, TaskVerdict.FAILURE
@@ -248,3 +249,42 @@ def test_the_table_and_the_line_show_how_the_task_stands() -> None:
     table, words = shown(life.status())
     assert "task" not in table
     assert "seed" not in words
+
+
+def with_operators(task: TaskStatus | None, *operators: tuple[str, int]) -> View:
+    """Who is there: services with the number of their life."""
+    rows = tuple(ServiceRow(health(Life(), *who), age=0.1) for who in operators)
+    return View((), rows, task=task)
+
+
+def test_who_comes_late_gets_a_new_trial_and_nobody_else_does() -> None:
+    running, over = said(), said(SUCCESS)
+    new = NewTrials()
+    assert new.due(with_operators(running, ("wbc", 1), ("sim", 1))) is None
+    assert new.due(with_operators(running, ("wbc", 1), ("teleop", 1))) == 7
+    assert new.due(with_operators(over, ("wbc", 1), ("teleop", 1))) is None
+    assert new.due(with_operators(over, ("wbc", 2))) is None
+    assert new.due(with_operators(over, ("teleop", 2))) == 8
+    assert new.due(with_operators(over, ("teleop", 2), ("keyboard", 1))) is None
+    assert new.due(with_operators(over, ("keyboard", 1))) is None
+
+    early = NewTrials()
+    assert early.due(with_operators(None, ("teleop", 1))) is None
+    start = status(Life(), time=0.0)[1]
+    assert isinstance(start, TaskStatus)
+    assert early.due(with_operators(start, ("teleop", 1))) is None
+    assert early.due(with_operators(running, ("teleop", 1))) is None
+    assert early.due(with_operators(running, ("teleop", 2))) == 8
+
+
+def test_what_passed_before_the_operator_came_is_nobodys_trial() -> None:
+    life = Life()
+    idle = [*stand(life, 6), status(life), *stand(life, 5), status(life, 0, FAILURE)]
+    after = [status(life, 0, FAILURE), *stand(life, 5), status(life, 0, resets=1, time=0.0)]
+    done = status(life, 3, SUCCESS, resets=1)
+    for source, verdicts in (("up", ["success"]), ("keyboard", ["failure", "success"])):
+        pairs = [*idle, reset_by(life, source), *after, done]
+        assert [trial.verdict for trial in summarise(pairs).trials] == verdicts
+        labels = " ".join(moment.label for moment in task_moments(gather(pairs), 0))
+        assert ("FAILURE" in labels) == (source == "keyboard")
+        assert "SUCCESS" in labels

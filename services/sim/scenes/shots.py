@@ -9,12 +9,12 @@ from services.sim.scenes.base import View
 Shot = View | FollowCamera
 
 SHOTS: Final[dict[str, Shot]] = {
-    "door/unlock": View((0.62, 0.25, 0.90), -50.0, -17.0, 1.3),
-    "door/walk": View((0.2, 0.0, 0.75), 55.0, -22.0, 3.6),
-    "door/push": View((0.6, 0.0, 0.85), 40.0, -24.0, 3.6),
-    "bench/hammer": View((0.40, -0.2, 0.85), 60.0, -22.0, 1.7),
-    "bench/walk": FollowCamera(40.0, -22.0, 3.2, 0.7, (0.3, -0.2), 0.0001),
-    "bench/push": FollowCamera(40.0, -22.0, 3.0, 0.7, (0.3, -0.2), 0.0001),
+    "door/unlock": View((0.52, 0.20, 0.89), -50.0, -17.0, 1.35),
+    "door/walk": View((0.15, 0.10, 0.76), -60.0, -18.0, 2.5),
+    "door/push": View((0.85, 0.0, 0.74), -8.0, -30.0, 2.7),
+    "bench/hammer": View((0.45, -0.30, 0.92), 68.0, -25.0, 1.7),
+    "bench/walk": View((0.35, -0.50, 0.62), 35.0, -27.0, 3.6),
+    "bench/push": View((0.65, -0.65, 0.62), 35.0, -26.0, 3.0),
     "twin/tool": View((0.36, -0.08, 0.87), -150.0, -26.0, 1.2),
     "twin/cap": View((0.35, 0.0, 0.93), -140.0, -20.0, 0.95),
 }
