@@ -1,0 +1,32 @@
+"""Exports in the hands of robomimic and lerobot themselves, where these are installed.
+
+``make loaders`` installs them, each into a venv of its own.
+"""
+
+from pathlib import Path
+
+import pytest
+
+from studies.datasets import lerobot, robomimic
+from studies.datasets.acceptance import lerobot_check, robomimic_check
+from studies.datasets.source import Choice, choose
+from tests.datasets.support import VERDICT, make
+
+
+@pytest.mark.parametrize("scaled", [False, True])
+def test_robomimic_loads_it(scaled: bool, tmp_path: Path) -> None:
+    pytest.importorskip("robomimic")
+    root, out = make(tmp_path / "d"), tmp_path / "out.hdf5"
+    robomimic.write(choose(Choice((root,))), out, scale_actions=scaled, compress=scaled)
+    report = robomimic_check.check(out, [root], train=False)
+    assert report["frames"] == 3 * VERDICT
+    assert report["pictures equal"] == 2 * 3 * VERDICT
+
+
+@pytest.mark.parametrize("video", [False, True])
+def test_lerobot_loads_it(video: bool, tmp_path: Path) -> None:
+    pytest.importorskip("lerobot")
+    root, out = make(tmp_path / "d"), tmp_path / "out"
+    lerobot.write(choose(Choice((root,))), out, video=video)
+    report = lerobot_check.check(out, [root], train=False)
+    assert report["frames"] == 3 * VERDICT

@@ -1,0 +1,87 @@
+"""Which episodes are exported, which of their frames, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from studies.datasets.errors import DatasetError
+from studies.datasets.source import Choice, choose, reading
+from tests.datasets.support import FRAMES, SIZE, VERDICT, make, rows
+
+MIXED = ("success", "failure", "success", "partial", "success")
+
+
+def taken(choice: Choice) -> list[int]:
+    return [chosen.meta.seed for chosen in choose(choice).episodes]
+
+
+def test_successes_unless_others_are_asked_for(tmp_path: Path) -> None:
+    roots = (make(tmp_path / "d", MIXED),)
+    assert taken(Choice(roots)) == [0, 2, 4]
+    assert taken(Choice(roots, failures=True)) == [0, 1, 2, 3, 4]
+    assert taken(Choice(roots, seeds=(1, 4))) == [2]
+    assert taken(Choice(roots, seeds=(None, 2), failures=True)) == [0, 1]
+    failed = choose(Choice(roots, seeds=(1, 2), failures=True)).episodes[0]
+    assert not failed.rewards().any()
+
+
+def test_frames_end_with_the_verdict_unless_the_tail_is_asked_for(tmp_path: Path) -> None:
+    roots = (make(tmp_path / "d", ("success",)),)
+    (short,), (long,) = (choose(Choice(roots, tail=tail)).episodes for tail in (False, True))
+    assert (short.frames, long.frames) == (VERDICT, FRAMES)
+    assert short.rewards().tolist() == [0.0] * (VERDICT - 1) + [1.0]
+    assert long.rewards().tolist() == [0.0] * (VERDICT - 1) + [1.0] * (FRAMES - VERDICT + 1)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "expected"),
+    [(None, None, SIZE), (24, None, (24, 16)), (None, 16, (24, 16)), (40, 40, (40, 40))],
+)
+def test_sizes(
+    width: int | None, height: int | None, expected: tuple[int, int], tmp_path: Path
+) -> None:
+    roots = (make(tmp_path / "d", ("success",)),)
+    source = choose(Choice(roots, width=width, height=height))
+    assert source.size == expected
+    assert source.resized == (expected != SIZE)
+    with reading(source.episodes[0]) as episode:
+        assert source.picture(episode, "left", 0).shape == (expected[1], expected[0], 3)
+    assert choose(Choice(roots, pictures=False)).size is None
+
+
+def test_sets_of_different_sizes_need_a_common_one(tmp_path: Path) -> None:
+    roots = (make(tmp_path / "a", ("success",)), make(tmp_path / "b", ("success",), size=(64, 64)))
+    with pytest.raises(DatasetError, match="48x32, 64x64"):
+        choose(Choice(roots, width=32))
+    assert choose(Choice(roots, width=32, height=32)).size == (32, 32)
+    assert choose(Choice(roots, pictures=False)).size is None
+    blind = (*roots, make(tmp_path / "c", ("success",), size=None))
+    with pytest.raises(DatasetError, match="none"):
+        choose(Choice(blind, width=32, height=32))
+
+
+def test_what_cannot_be_exported_is_told(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="trill collect"):
+        choose(Choice((tmp_path,)))
+    failed = make(tmp_path / "d", ("failure",))
+    with pytest.raises(DatasetError, match="--failures"):
+        choose(Choice((failed,)))
+    with pytest.raises(DatasetError, match="with seeds 3:"):
+        choose(Choice((failed,), seeds=(3, None), failures=True))
+    blind = make(tmp_path / "b", ("success",), size=None)
+    assert choose(Choice((blind,))).size is None
+    with pytest.raises(DatasetError, match="no pictures"):
+        choose(Choice((blind,), width=20))
+
+
+def test_a_gap_in_time_is_refused(tmp_path: Path) -> None:
+    given = rows(0)
+    given.rows["time/robot_ns"][5:] = [
+        int(str(t)) + 30_000_000 for t in given.rows["time/robot_ns"][5:]
+    ]
+    source = choose(Choice((make(tmp_path / "d", ("success",), rows_of={0: given}),)))
+    with (
+        pytest.raises(DatasetError, match=r"frame 5 is \+30\.0 ms off"),
+        reading(source.episodes[0]),
+    ):
+        pass

@@ -1,0 +1,88 @@
+"""A result is there whole or not at all."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from studies.datasets.errors import DatasetError
+from studies.datasets.staging import staged
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def ours(path: Path) -> bool:
+    return path.is_file() and path.read_text().startswith("ours")
+
+
+def test_it_appears_at_the_end(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    with staged(out, force=False, ours=ours) as path:
+        path.write_text("ours 1")
+        assert not out.exists()
+    assert out.read_text() == "ours 1"
+    assert names(out.parent) == ["out"]
+
+
+def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.write_text("ours 1")
+    with pytest.raises(FileNotFoundError), staged(out, force=True, ours=ours) as path:
+        (path / "no directory").write_text("ours 2")
+    assert out.read_text() == "ours 1"
+    assert names(tmp_path) == ["out"]
+
+
+def test_only_an_earlier_result_is_replaced_and_only_by_force(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.write_text("ours 1")
+    with pytest.raises(DatasetError, match="--force"), staged(out, force=False, ours=ours):
+        pass
+    with staged(out, force=True, ours=ours) as path:
+        path.write_text("theirs")
+    assert out.read_text() == "theirs"
+    with pytest.raises(DatasetError, match="not replaced"), staged(out, force=True, ours=ours):
+        pass
+    assert out.read_text() == "theirs"
+
+
+def test_two_cannot_make_the_same(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with staged(out, force=False, ours=ours) as path:
+        with (
+            pytest.raises(DatasetError, match="another process"),
+            staged(out, force=False, ours=ours),
+        ):
+            pass
+        path.write_text("ours")
+    assert out.read_text() == "ours"
+
+
+def test_what_a_killed_process_left_is_cleared_away(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    code = (
+        "import os, signal, sys; from pathlib import Path\n"
+        "from studies.datasets.staging import staged\n"
+        "with staged(Path(sys.argv[1]), force=False, ours=lambda p: False) as path:\n"
+        "    path.mkdir(); (path / 'half').write_text('')\n"
+        "    os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    root = Path(__file__).resolve().parents[2]
+    done = subprocess.run([sys.executable, "-c", code, str(out)], cwd=root, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert names(tmp_path) == [".out.part"]
+    with staged(out, force=False, ours=ours) as path:
+        assert not path.exists()
+        path.write_text("ours")
+    assert names(tmp_path) == ["out"]
+
+
+def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "out"
+    with pytest.raises(DatasetError, match="--out"), staged(out, force=False, ours=ours):
+        pass
