@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from common.robot.bodyposes import USUAL_HAND, body_poses, nearer
 from common.schemas import (
     ControllerState,
     GaitRequest,
@@ -22,7 +23,6 @@ from common.schemas.arrays import Float64Array as Array
 from common.topics import PLANT_STATE, TASK_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
 from studies.collect.columns import Rows
 from studies.collect.errors import StoppedError
-from studies.collect.features import USUAL_HAND, body_poses, nearer
 from studies.tasks.stack import TaskStack
 
 

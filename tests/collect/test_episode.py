@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from common.bus.codec import decode
+from common.robot.bodyposes import body_poses
 from common.robot.joints import NUM_JOINTS
 from common.schemas import PlantState, Setpoint
 from common.topics import PLANT_STATE, TELEOP_SETPOINT
@@ -17,7 +18,6 @@ from services.sim.errors import RenderingUnavailableError, SimError
 from services.sim.tasks import find_task
 from studies.collect.episode import Made, make_episode
 from studies.collect.errors import StoppedError
-from studies.collect.features import body_poses
 from studies.collect.fileformat import Episode, open_episode
 from studies.collect.info import sheet
 from studies.collect.recipe import Eyes, Recipe

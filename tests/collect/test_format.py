@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from common.robot.bodyposes import USUAL_HAND, body_poses, nearer
 from common.robot.frames import BODY_FRAME, FOOT_FRAMES, HAND_FRAMES
 from common.robot.joints import (
     JOINT_NAMES,
@@ -19,7 +20,6 @@ from common.robot.joints import (
 )
 from studies.collect.columns import BY_PATH, COLUMNS
 from studies.collect.errors import CollectError
-from studies.collect.features import USUAL_HAND, body_poses, nearer
 from studies.collect.fileformat import open_episode, to_bytes
 from tests.collect.support import meta, rows
 
