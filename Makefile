@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite study links faults fuzz bench lint setup clean
+.PHONY: help demo drive top test suite study links faults fuzz loaders bench lint setup clean
 
 help: ## say what there is
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -40,6 +40,9 @@ faults: $(STAMP) ## killed recorders, bad readers, cut networks, skewed clocks; 
 
 fuzz: $(STAMP) ## 100,000 damaged payloads at every decoder
 	$(BIN)/python -m studies.fuzz $(ARGS)
+
+loaders: $(STAMP) ## robomimic and lerobot load exported demonstrations, each in a venv of its own
+	$(BIN)/python -m studies.datasets.acceptance $(ARGS)
 
 bench: $(STAMP) ## measure the figures the README quotes
 	@set -e; for file in benchmarks/bench_*.py; do \

@@ -198,4 +198,4 @@ def _train(export: Path, data: Any) -> Any:
 
 if __name__ == "__main__":
     for name, found in check(Path(sys.argv[1]), [Path(text) for text in sys.argv[2:]]).items():
-        print(f"{name:<32} {found}")
+        print(f"= {name:<32} {found}")
