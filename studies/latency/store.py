@@ -87,7 +87,6 @@ class Store:
             if known is None:
                 text = json.dumps(plan.model_dump(mode="json"), indent=1) + "\n"
                 write_whole(self.root / PLAN, text)
-            _cut_torn(self.root / TRIALS)
             yield
 
     def rows(self) -> list[TrialRow]:

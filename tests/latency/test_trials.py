@@ -1,10 +1,14 @@
 """Real trials: run by the command, and read back from a log."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from common.bus.wire import wire_header
+from common.schemas import Message, TaskStage, TaskStatus, TaskVerdict, UndesiredContact
+from common.topics import TASK_STATUS, Topic
 from deploy.cli import main
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
@@ -12,6 +16,7 @@ from services.logger.reader import LogReader
 from services.logger.sink import McapSink
 from services.teleop.synthetic.traits import TRAITS
 from studies.latency.conditions import standard
+from studies.latency.errors import LatencyStudyError
 from studies.latency.fromlog import trials_of
 from studies.latency.plan import Cell
 from studies.latency.row import TrialRow
@@ -117,6 +122,50 @@ def test_a_persons_log_is_taken_in_once(
     store = Store(Path(root))
     assert [row.key for row in store.human_rows()] == [("P01", UNLOCK, "latency-250", 0)]
     assert store.rows() == []
+
+
+class Told(LogReader):
+    """A log of a judge's words alone."""
+
+    def __init__(self, *statuses: TaskStatus) -> None:
+        super().__init__(Path("told.mcap"))
+        self._statuses = statuses
+
+    def messages(self) -> Iterator[tuple[Topic[Any], Message]]:
+        for status in self._statuses:
+            yield TASK_STATUS, status
+
+
+def word(resets: int, verdict: TaskVerdict, time: float, *, goal: bool = False) -> TaskStatus:
+    return TaskStatus(
+        task=UNLOCK,
+        seed=5 + resets,
+        time=time,
+        limit=20.0,
+        verdict=verdict,
+        stages=[TaskStage(name="lever pressed", done=True), TaskStage(name="open", done=goal)],
+        undesired=[UndesiredContact(name="left wrist on jamb", since=1.0, peak=4.0)],
+        reset_count=resets,
+    )
+
+
+def test_every_trial_of_a_log_that_came_to_its_end_counts() -> None:
+    log = Told(
+        word(0, TaskVerdict.RUNNING, 1.0),
+        word(0, TaskVerdict.PARTIAL, 9.0, goal=True),
+        word(0, TaskVerdict.PARTIAL, 9.0, goal=True),
+        word(1, TaskVerdict.RUNNING, 3.0),
+        word(2, TaskVerdict.FAILURE, 20.0),
+        word(3, TaskVerdict.RUNNING, 2.0),
+    )
+    first, second = trials_of(log, "P01", standard("command")[1])
+    assert (first.seed, first.verdict, first.time, first.reached) == (5, "partial", 9.0, True)
+    assert (second.seed, second.verdict, second.time, second.reached) == (7, "failure", 20.0, False)
+    assert [touch.name for touch in first.undesired] == ["left wrist on jamb"]
+    assert first.stages == ("lever pressed", "open")
+    assert first.command.mean is None
+    with pytest.raises(LatencyStudyError, match="no verdict"):
+        trials_of(Told(word(0, TaskVerdict.RUNNING, 1.0)), "P01", standard("command")[1])
 
 
 def test_a_log_that_is_none_is_told(tmp_path: Path) -> None:
