@@ -32,6 +32,8 @@ EXAMPLES = f"""examples:
   trill collect door/unlock --ray auto                         on a Ray cluster
   trill collect --info {DATASETS}/door-unlock
   trill collect --info {DATASETS}/door-unlock --sheet episode.png --episode 3
+  trill collect --check {DATASETS}/door-unlock                 is every file as it should be?
+  trill collect --check {DATASETS}/door-unlock --remake 3      and the same bytes when made again?
   trill collect --reindex {DATASETS}/door-unlock               index.jsonl anew from the files
 """
 
@@ -42,9 +44,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--episodes", type=_positive, default=10, help="successes in all (10)")
     parser.add_argument("--jobs", type=_positive, help="trials at a time (1; Ray: its processors)")
     parser.add_argument("--out", type=Path, help=f"the data set ({DATASETS}/<task>)")
-    parser.add_argument("--seed", type=int, default=0, help="of the first trial, then upwards (0)")
+    parser.add_argument(
+        "--seed",
+        type=int,
+        default=0,
+        help="of the first trial; the next one has the next number (0)",
+    )
     parser.add_argument(
         "--max-trials", type=_positive, help="give up after so many (20 + 4 x --episodes)"
+    )
+    parser.add_argument(
+        "--accept-changes",
+        action="store_true",
+        help="go on with a data set that other code began; each episode says which made it",
     )
     parser.add_argument("--ray", metavar="ADDRESS", help="auto, HOST:PORT or ray://HOST:PORT")
     made = parser.add_argument_group("what an episode is made from")
@@ -75,6 +87,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     look.add_argument("--info", type=Path, metavar="DIR", help="tasks, successes, durations")
     look.add_argument("--sheet", type=Path, metavar="FILE.png", help="picture of an episode")
     look.add_argument("--episode", type=int, metavar="SEED", help="of which (the first)")
+    look.add_argument(
+        "--check", type=Path, metavar="DIR", help="read all of it, say what is wrong; 1 if anything"
+    )
+    look.add_argument(
+        "--remake", type=_seed, metavar="SEED", help="with --check: make it again, compare bytes"
+    )
     look.add_argument("--reindex", type=Path, metavar="DIR", help="rebuild index.jsonl")
 
 
@@ -84,14 +102,26 @@ def _positive(text: str) -> int:
     return int(text)
 
 
+def _seed(text: str) -> int:
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a seed from 0 up, got {text!r}")
+    return int(text)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """Do what was asked for; 0, 1, or an exception of this project."""
     _check_installed()
-    asked = [arguments.task, arguments.info, arguments.reindex]
+    asked = [arguments.task, arguments.info, arguments.reindex, arguments.check]
     if sum(value is not None for value in asked) != 1:
-        raise ConfigError("expected a task, --info DIR or --reindex DIR; see trill collect --help")
+        raise ConfigError(
+            "expected a task, --info DIR, --check DIR or --reindex DIR; see trill collect --help"
+        )
     if arguments.info is None and (arguments.sheet or arguments.episode is not None):
         raise ConfigError("--sheet and --episode go with --info DIR")
+    if arguments.check is None and arguments.remake is not None:
+        raise ConfigError("--remake goes with --check DIR")
+    if arguments.check is not None:
+        return _check(arguments.check, arguments.remake)
     if arguments.info is not None:
         return _info(arguments)
     if arguments.reindex is not None:
@@ -131,12 +161,35 @@ def _reindex(root: Path) -> int:
     from studies.collect.store import Store
 
     store, console = Store(root), Console()
-    with Progress(console=console, transient=True) as progress:
+    if store.recipe() is None:
+        raise ConfigError(f"no data set in {root}: expected a directory with dataset.json")
+    with store.locked(), Progress(console=console, transient=True) as progress:
         bar = progress.add_task("reading the files", total=len(store.files()))
         lines = store.scan(lambda: progress.advance(bar))
-    store.write_index(lines)
+        store.write_index(lines)
     console.print(f"{root}: {len(lines)} trials in the index", markup=False)
     return 0
+
+
+def _check(root: Path, seed: int | None) -> int:
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from studies.collect.check import check, remake
+    from studies.collect.store import Store
+
+    store, console = Store(root), Console()
+    files = store.files()
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("checking", total=len(files))
+        wrong = check(store, lambda: progress.advance(bar))
+    if seed is not None:
+        wrong += filter(None, [remake(store, seed)])
+    for text in wrong:
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    again = "" if seed is None else f", seed {seed} made again"
+    console.print(f"{root}: {len(files)} trials read{again}; {len(wrong) or 'nothing'} wrong")
+    return 1 if wrong else 0
 
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
@@ -185,7 +238,9 @@ def _collect(arguments: argparse.Namespace) -> int:
                 wanted=arguments.episodes,
                 first_seed=arguments.seed,
                 max_trials=arguments.max_trials or 20 + 4 * arguments.episodes,
+                accept_changes=arguments.accept_changes,
                 tell=display.tell,
+                say=display.say,
             )
     except KeyboardInterrupt:
         text = f"\nended; what is done is in {root}: the same command goes on from there"

@@ -6,6 +6,7 @@ set is the one that brought the last success, whatever the number of workers, ho
 was cut off, and whatever was lost in between.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
@@ -13,13 +14,17 @@ from itertools import chain, count
 
 from common.errors import TrillError
 from studies.collect.crew import Crew
+from studies.collect.dataset import Build
 from studies.collect.episode import Made
 from studies.collect.errors import CollectError
 from studies.collect.recipe import Recipe
+from studies.collect.space import check_room, free, needed, size
 from studies.collect.store import IndexLine, Store
 
 _TICK = 0.5
 """The progress moves this often at least [s]."""
+_TRIES = 3
+"""A trial that has cost so many workers is not begun again."""
 
 
 @dataclass
@@ -69,7 +74,11 @@ def collect(
     wanted: int,
     first_seed: int = 0,
     max_trials: int | None = None,
+    build: Build | None = None,
+    accept_changes: bool = False,
     tell: Listener = lambda _standing, _line: None,
+    say: Callable[[str], None] = lambda _text: None,
+    each: Callable[[], None] = lambda: None,
 ) -> Standing:
     """Collect until there are ``wanted`` successes in ``store``.
 
@@ -80,17 +89,23 @@ def collect(
         wanted: successes in all.
         first_seed: of the first trial.
         max_trials: give up after so many; None: never.
+        build: the code that makes them; None: this process's.
+        accept_changes: go on though other code made what is there.
         tell: hears of each trial.
+        say: hears what a person should know meanwhile.
+        each: called after each file of before that was read.
 
     Returns:
         how it stands; not complete if ``max_trials`` were not enough.
 
     Raises:
-        CollectError: a worker died, or the store cannot be used.
-        ConfigError: the store was begun with another recipe.
+        CollectError: a trial costs its worker again and again, or the store cannot be used.
+        ConfigError: the store was begun with another recipe or by other code.
     """
-    with store.writing(recipe):
-        lines = store.scan()
+    build = build or Build.here()
+    check_room(store.root, needed(recipe, (), 0 if store.files() else wanted))
+    with store.writing(recipe, build, accept_changes):
+        lines = store.scan(each)
         strange = [line.meta.seed for line in lines if line.meta.seed < first_seed]
         if strange:
             raise CollectError(
@@ -105,56 +120,97 @@ def collect(
         ends = range(first_seed, first_seed + max_trials) if max_trials else count(first_seed)
         todo = (seed for seed in ends if seed not in lines_before)
         first = next(todo, None)
+        missing = max(0, wanted - standing.successes)
+        need = needed(recipe, lines, missing)
+        check_room(store.root, need)
+        if missing:
+            say(
+                f"{missing} more successes take about {size(need.total)} "
+                f"({size(need.each)} each, {'measured' if need.measured else 'guessed'}); "
+                f"{size(free(store.root))} free"
+            )
         if first is not None and standing.successes_below(first) < wanted:
             workers = crew()
             try:
-                _drive(standing, chain([first], todo), workers, store, tell)
+                _Drive(standing, workers, store, build, tell, say).run(chain([first], todo))
             finally:
                 workers.end()
         store.write_index([standing.lines[seed] for seed in sorted(standing.lines)])
     return standing
 
 
-def _drive(
-    standing: Standing,
-    todo: Iterator[int],
-    workers: Crew,
-    store: Store,
-    tell: Listener,
-) -> None:
-    """Keep the workers busy until there is nothing more to do."""
-    under_way: dict[Future[Made], int] = {}
-    seed = next(todo, None)
-    while True:
-        while (
-            seed is not None
-            and len(under_way) < workers.size
-            and standing.successes_below(seed) + len(under_way) < standing.wanted
-        ):
-            under_way[workers.submit(seed)] = seed
-            seed = next(todo, None)
-        if not under_way:
+class _Drive:
+    """Keeps the workers busy until there is nothing more to do."""
+
+    def __init__(
+        self,
+        standing: Standing,
+        workers: Crew,
+        store: Store,
+        build: Build,
+        tell: Listener,
+        say: Callable[[str], None],
+    ) -> None:
+        self._standing, self._workers, self._store = standing, workers, store
+        self._build, self._tell, self._say = build, tell, say
+        self._under_way: dict[Future[Made], int] = {}
+        self._lost: Counter[int] = Counter()
+
+    def run(self, todo: Iterator[int]) -> None:
+        """Hand out the seeds of ``todo`` until there are enough successes."""
+        standing, under_way = self._standing, self._under_way
+        seed = next(todo, None)
+        while True:
+            while (
+                seed is not None
+                and len(under_way) < self._workers.size
+                and standing.successes_below(seed) + len(under_way) < standing.wanted
+            ):
+                under_way[self._workers.submit(seed)] = seed
+                seed = next(todo, None)
+            if not under_way:
+                return
+            done, _ = wait(under_way, timeout=_TICK, return_when=FIRST_COMPLETED)
+            for future in sorted(done, key=lambda future: under_way[future]):
+                self._end_of(future, under_way.pop(future))
+            for news in self._workers.watch():
+                self._say(news)
+            if not done:
+                self._tell(standing, None)
+
+    def _end_of(self, future: "Future[Made]", seed: int) -> None:
+        try:
+            made = future.result()
+        except TrillError:
+            raise
+        except self._workers.lost as error:
+            self._again(seed, error)
             return
-        done, _ = wait(under_way, timeout=_TICK, return_when=FIRST_COMPLETED)
-        for future in sorted(done, key=lambda future: under_way[future]):
-            made = _result(future, under_way.pop(future), workers.lost)
-            line = store.add(made.meta, made.content)
-            standing.lines[made.meta.seed] = line
-            standing.simulated += made.simulated
-            standing.busy += made.wall
-            standing.rendering += made.rendering
-            tell(standing, line)
-        if not done:
-            tell(standing, None)
+        self._check(made)
+        line = self._store.add(made.meta, made.content)
+        self._standing.lines[seed] = line
+        self._standing.simulated += made.simulated
+        self._standing.busy += made.wall
+        self._standing.rendering += made.rendering
+        self._tell(self._standing, line)
 
+    def _again(self, seed: int, error: Exception) -> None:
+        self._lost[seed] += 1
+        if self._lost[seed] >= _TRIES:
+            raise CollectError(
+                f"the trial with seed {seed} has cost {_TRIES} workers ({error}); what is done is "
+                "kept: give the same command again, if memory was short with fewer --jobs"
+            ) from error
+        self._say(f"the worker that made seed {seed} was lost ({error}); made again by another")
+        self._under_way[self._workers.submit(seed)] = seed
 
-def _result(future: Future[Made], seed: int, lost: tuple[type[Exception], ...]) -> Made:
-    try:
-        return future.result()
-    except TrillError:
-        raise
-    except lost as error:
-        raise CollectError(
-            f"the worker that made the episode with seed {seed} was lost ({error}); what is done "
-            "is kept: give the same command again, if memory was short with fewer --jobs"
-        ) from error
+    def _check(self, made: Made) -> None:
+        # Files edited meanwhile, or a cluster's node with another version.
+        theirs = Build(source=made.meta.source, versions=made.meta.versions)
+        changes = self._build.differences(theirs)
+        if changes:
+            raise CollectError(
+                f"the worker that made seed {made.meta.seed} runs other code than this process; it "
+                "is not kept. Bring all nodes to the same version, and edit nothing meanwhile. "
+                "Here | there:\n  " + "\n  ".join(changes)
+            )

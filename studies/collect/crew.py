@@ -31,6 +31,10 @@ class Crew(Protocol):
         """Begin one."""
         ...
 
+    def watch(self) -> list[str]:
+        """Look after the workers, about twice a second; returns what a person should hear."""
+        ...
+
     def end(self) -> None:
         """Give up what is under way."""
         ...
@@ -54,8 +58,12 @@ class LocalCrew:
         """Begin one."""
         return self._workers.submit(_work, self._recipe, seed)
 
+    def watch(self) -> list[str]:
+        """Workers that give no sign of life are told, later replaced."""
+        return self._workers.watch()
+
     def end(self) -> None:
-        """Give up what is under way; it takes as long as rendering an episode at most."""
+        """Give up what is under way; it takes a few seconds at most."""
         self._workers.end()
 
 
@@ -109,11 +117,20 @@ class RayCrew:
             ray.init(address=address, log_to_driver=False, runtime_env=surroundings)
         except (ConnectionError, ValueError, RuntimeError) as error:
             raise CollectError(f"no Ray cluster at {address!r}: {error}") from error
-        self.lost: tuple[type[Exception], ...] = (ray.exceptions.RayError,)
+        # Not RayTaskError: a fault of the program's own would only come again.
+        failures = ray.exceptions
+        self.lost: tuple[type[Exception], ...] = (
+            failures.WorkerCrashedError,
+            failures.NodeDiedError,
+            failures.ObjectLostError,
+            failures.OutOfMemoryError,
+            failures.RaySystemError,
+        )
         self.size = jobs or max(1, int(ray.cluster_resources().get("CPU", 1)))
         self._make: Any = ray.remote(num_cpus=1, max_retries=3)(make_episode)
         self._recipe: Any = ray.put(recipe)
         self._references: dict[int, Any] = {}
+        self._nodes = sum(bool(node["Alive"]) for node in ray.nodes())
 
     def submit(self, seed: int) -> "Future[Made]":
         """Begin one."""
@@ -122,6 +139,12 @@ class RayCrew:
         future: Future[Made] = reference.future()
         future.add_done_callback(lambda _: self._references.pop(seed, None))
         return future
+
+    def watch(self) -> list[str]:
+        """Told when nodes come or go."""
+        now = sum(bool(node["Alive"]) for node in self._ray.nodes())
+        before, self._nodes = self._nodes, now
+        return [f"the cluster has {now} nodes now, {before} before"] if now != before else []
 
     def end(self) -> None:
         """Give up what is under way and leave the cluster."""

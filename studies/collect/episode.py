@@ -13,7 +13,7 @@ from services.sim.tasks import find_task
 from studies.collect.columns import EYES
 from studies.collect.errors import StoppedError
 from studies.collect.fileformat import EpisodeMeta, to_bytes
-from studies.collect.recipe import Eyes, Recipe, versions
+from studies.collect.recipe import Eyes, Recipe, source, versions
 from studies.collect.recorder import EpisodeRecorder
 from studies.tasks.stack import TaskStack
 
@@ -67,7 +67,7 @@ def make_episode(recipe: Recipe, seed: int, stop: Stop | None = None) -> Made:
     if not wanted:
         return Made(meta, None, simulated, perf_counter() - began)
     drawn = perf_counter()
-    pictures = render(recipe.task, recipe.eyes, recorder.scenes) if recipe.eyes else {}
+    pictures = render(recipe.task, recipe.eyes, recorder.scenes, stopping) if recipe.eyes else {}
     rendering = perf_counter() - drawn
     content = to_bytes(meta, recorder.rows, pictures)
     return Made(meta, content, simulated, perf_counter() - began, rendering)
@@ -97,6 +97,7 @@ def _run(stack: TaskStack, recorder: EpisodeRecorder, recipe: Recipe, seed: int)
         gave_up=gave_up,
         recipe=recipe,
         versions=versions(),
+        source=source(),
     )
 
 
@@ -106,12 +107,18 @@ def _renderer(config: CameraConfig) -> StereoRenderer:
 
 
 def render(
-    task: str, eyes: Eyes, scenes: list[tuple[PlantState, SceneState]]
+    task: str, eyes: Eyes, scenes: list[tuple[PlantState, SceneState]], stop: Stop
 ) -> dict[str, list[bytes]]:
-    """JPEG files by eye, one for each of ``scenes``."""
+    """JPEG files by eye, one for each of ``scenes``.
+
+    Raises:
+        StoppedError: ``stop`` was set meanwhile.
+    """
     renderer = _renderer(eyes.camera(find_task(task).scene))
     files: dict[str, list[bytes]] = {eye: [] for eye in EYES}
     for state, objects in scenes:
+        if stop.is_set():
+            raise StoppedError("the episode was given up")
         for eye, image in zip(EYES, renderer.render(state, EYES, objects), strict=True):
             files[eye].append(encode(image, "jpeg", eyes.quality))
     return files

@@ -48,7 +48,8 @@ class EpisodeMeta(BaseModel):
     stages: tuple[str, ...] = Field(description="of the task that were done")
     gave_up: str = Field(description="why the operator ended early; empty: it did not")
     recipe: Recipe = Field(description="all that the episode depends on, but for the seed")
-    versions: dict[str, str]
+    versions: dict[str, str] = Field(description="of Python and packages")
+    source: str = Field(default="", description="digest of the code that made it; empty: unknown")
 
     @property
     def success(self) -> bool:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from studies.collect.collect import Standing
+from studies.collect.space import size
 from studies.collect.store import IndexLine
 
 
@@ -26,21 +27,43 @@ class Pace:
         self._began = monotonic()
         self._before: int | None = None
 
-    def text(self, standing: Standing) -> str:
-        """For instance ``64 % successes, 212 an hour, ETA 0:34, 0.9 x real time``."""
+    def parts(self, standing: Standing) -> list[str]:
+        """Most important first, as ``ETA 0:34``, ``64 % successes``, ``212 an hour``."""
         if self._before is None:
             self._before = standing.successes
         elapsed = monotonic() - self._began
         made = standing.successes - self._before
         parts = []
-        if standing.lines:
-            parts.append(f"{100 * standing.successes / len(standing.lines):.0f} % successes")
         if made:
             left = max(0, standing.wanted - standing.successes) * elapsed / made
-            parts += [f"{3600 * made / elapsed:.0f} an hour", f"ETA {duration(left)}"]
+            parts.append(f"ETA {duration(left)}")
+        failed = len(standing.lines) - standing.successes
+        if failed:
+            parts.append(f"{failed} failed")
         if standing.simulated:
             parts.append(f"{standing.simulated / elapsed:.2f} x real time")
-        return ", ".join(parts)
+        if standing.successes:
+            kept = sum(line.bytes for line in standing.lines.values())
+            total = kept * max(1.0, standing.wanted / standing.successes)
+            parts.append(f"{size(kept)} of {size(total)}")
+        if made:
+            parts.append(f"{3600 * made / elapsed:.0f} an hour")
+        return parts
+
+
+_FIXED = 46
+"""Columns of a terminal that bar, count and margins take."""
+
+
+def fitting(parts: list[str], width: int) -> str:
+    """As many of ``parts`` as ``width`` columns hold, the first ones."""
+    text = ""
+    for part in parts:
+        longer = f"{text}, {part}" if text else part
+        if len(longer) > width:
+            break
+        text = longer
+    return text
 
 
 class Display:
@@ -51,9 +74,9 @@ class Display:
         self._pace = Pace()
         self._bar = Progress(
             TextColumn("{task.description}"),
-            BarColumn(),
+            BarColumn(bar_width=20),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[pace]}"),
+            TextColumn("{task.fields[pace]}", markup=False),
             console=console,
             disable=not console.is_terminal,
         )
@@ -73,18 +96,20 @@ class Display:
 
     def tell(self, standing: Standing, line: IndexLine | None) -> None:
         """Show how it stands; ``line`` is a trial that has just ended."""
-        pace = self._pace.text(standing)
-        self._bar.update(self._row, completed=standing.successes, total=standing.wanted, pace=pace)
+        parts = self._pace.parts(standing)
+        shown = fitting(parts, self._console.width - _FIXED) or "the first are under way"
+        self._bar.update(self._row, completed=standing.successes, total=standing.wanted, pace=shown)
         if line is None:
             return
         meta = line.meta
         if not self._console.is_terminal:
             text = f"[{standing.successes}/{standing.wanted}] seed {meta.seed}: {meta.verdict}"
-            self._plain(f"{text} at {meta.completion_time:.1f} s; {pace}")
+            self.say(f"{text} at {meta.completion_time:.1f} s; {', '.join(parts)}")
         if not meta.success:
-            self._plain(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
+            self.say(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
 
-    def _plain(self, text: str) -> None:
+    def say(self, text: str) -> None:
+        """Print a line, above the bar if there is one."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -12,12 +12,13 @@ from common.errors import ConfigError, explain
 from services.sim.cameras import CameraConfig
 from services.sim.tasks import find_task
 from services.teleop.synthetic.traits import OperatorTraits
+from studies.source import digest
 from studies.tasks.links import links_used
 from studies.tasks.stack import TrialSpec
 
 PACKAGES = (
-    *("trill", "mujoco", "pin", "osqp", "daqp", "scipy", "numpy"),
-    *("opencv-python-headless", "h5py", "pydantic", "eclipse-zenoh"),
+    *("mujoco", "pin", "osqp", "daqp", "scipy", "numpy"),
+    *("opencv-python-headless", "h5py", "pydantic"),
 )
 """Whose versions can change an episode."""
 
@@ -113,6 +114,11 @@ class Recipe(BaseModel):
         """``name: this | other`` for each value that differs."""
         mine, theirs = self.model_dump(mode="json"), other.model_dump(mode="json")
         return [f"{n}: {mine[n]} | {theirs[n]}" for n in mine if mine[n] != theirs[n]]
+
+
+def source() -> str:
+    """Digest of the code of this project that decides an episode's bytes."""
+    return digest("studies.collect.episode")
 
 
 def versions() -> dict[str, str]:

@@ -1,6 +1,6 @@
 """A data set's directory: one file an episode, written whole or not at all, and an index.
 
-    dataset.json             the recipe
+    dataset.json             the recipe, and which code made them
     index.jsonl              a line a trial, by seed; can be rebuilt from the files
     episodes/000012.h5       an episode that was kept
     rejected/000013.json     a trial that was not: its description only
@@ -8,22 +8,22 @@
 The files are the truth. A trial is done when its file is there; the index is convenience.
 """
 
+import errno
 import fcntl
 import hashlib
-import json
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from common.errors import ConfigError, explain
+from studies.collect.dataset import RECIPE, Build, DatasetFile, read_dataset
 from studies.collect.errors import CollectError
 from studies.collect.fileformat import EpisodeMeta, open_episode, parse_meta
 from studies.collect.recipe import Recipe
 
-RECIPE, INDEX, EPISODES, REJECTED = "dataset.json", "index.jsonl", "episodes", "rejected"
+INDEX, EPISODES, REJECTED = "index.jsonl", "episodes", "rejected"
 _LOCK = ".lock"
 _TEMPORARY = ".part"
 
@@ -48,14 +48,42 @@ class IndexLine(BaseModel):
     meta: EpisodeMeta
 
 
+@contextmanager
+def _disk(path: Path) -> Iterator[None]:
+    """What the disk refuses, in words."""
+    try:
+        yield
+    except OSError as error:
+        more = {
+            errno.ENOSPC: "; make room and give the same command again, what is done is kept",
+            errno.EDQUOT: "; your quota is used up: make room and give the same command again",
+            errno.EROFS: "; choose another --out",
+            errno.EACCES: "; expected a directory you may write to: choose another --out",
+            errno.ENOTDIR: "; expected a directory, got a file: choose another --out",
+            errno.EEXIST: "; expected a directory, got a file: choose another --out",
+        }.get(error.errno or 0, "; what is done is kept")
+        raise CollectError(f"cannot write {path}: {error.strerror or error}{more}") from error
+
+
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all, whenever the process is killed."""
+    """Write a file so that it is there whole or not at all, whenever the process is killed.
+
+    Raises:
+        CollectError: the disk is full, or the file may not be written.
+    """
     temporary = path.with_name(path.name + _TEMPORARY)
-    with temporary.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
+    with _disk(path):
+        try:
+            with temporary.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        except OSError:
+            # A full disk is not to be kept full by what is no use.
+            with suppress(OSError):
+                temporary.unlink(missing_ok=True)
+            raise
 
 
 class Store:
@@ -74,25 +102,20 @@ class Store:
         Raises:
             CollectError: its file is wrong.
         """
-        path = self.root / RECIPE
-        try:
-            return Recipe.model_validate_json(path.read_bytes())
-        except FileNotFoundError:
-            return None
-        except ValidationError as error:
-            raise CollectError(f"{path}: {explain(error)}") from error
+        file = read_dataset(self.root)
+        return None if file is None else file.recipe
 
     @contextmanager
-    def writing(self, recipe: Recipe) -> Iterator[None]:
-        """Be the only one that writes here; begin the data set, or go on with it.
+    def locked(self) -> Iterator[None]:
+        """Be the only one that writes here; the directory has to be there.
 
         Raises:
-            ConfigError: it was begun with another recipe.
-            CollectError: somebody else writes here.
+            CollectError: somebody else writes here, or nobody may.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
         # The system lets go of the lock when the process ends, however it ends.
-        with (self.root / _LOCK).open("w") as lock:
+        with _disk(self.root / _LOCK):
+            lock = (self.root / _LOCK).open("w")
+        with lock:
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError as error:
@@ -100,24 +123,46 @@ class Store:
                     f"{self.root} is being written by another process; wait for it or choose "
                     "another --out"
                 ) from error
-            self._begin(recipe)
             yield
 
-    def _begin(self, recipe: Recipe) -> None:
-        known = self.recipe()
-        if known is not None and known != recipe:
-            differences = "\n  ".join(known.differences(recipe))
-            raise ConfigError(
-                f"{self.root} was begun with other options; go on with the same, or choose "
-                f"another --out. There | asked for:\n  {differences}"
+    @contextmanager
+    def writing(self, recipe: Recipe, build: Build, accept: bool = False) -> Iterator[None]:
+        """Be the only one that writes here; begin the data set, or go on with it.
+
+        Args:
+            recipe: of the episodes.
+            build: the code that makes them.
+            accept: that it is other code than that of the episodes there.
+
+        Raises:
+            ConfigError: it was begun with another recipe, or by other code.
+            CollectError: somebody else writes here, or nobody can.
+        """
+        with _disk(self.root):
+            self.root.mkdir(parents=True, exist_ok=True)
+        with self.locked():
+            self._begin(recipe, build, accept)
+            yield
+
+    def _begin(self, recipe: Recipe, build: Build, accept: bool) -> None:
+        known = read_dataset(self.root)
+        if known is None and self.files():
+            raise CollectError(
+                f"{self.root} has episodes but no {RECIPE}; put it back from a copy, or choose "
+                "another --out"
             )
-        for folder in (EPISODES, REJECTED):
-            (self.root / folder).mkdir(exist_ok=True)
-            for torn in (self.root / folder).glob(f"*{_TEMPORARY}"):
+        file = (
+            DatasetFile(recipe=recipe, builds=(build,))
+            if known is None
+            else known.agreed(self.root, recipe, build, accept)
+        )
+        with _disk(self.root):
+            for folder in (EPISODES, REJECTED):
+                (self.root / folder).mkdir(exist_ok=True)
+            for torn in self.root.rglob(f"*{_TEMPORARY}"):
                 torn.unlink()
-        if known is None:
-            content = json.dumps(recipe.model_dump(mode="json"), indent=1) + "\n"
-            write_whole(self.root / RECIPE, content.encode())
+        if file != known:
+            write_whole(self.root / RECIPE, file.content())
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
         """Keep a trial: its episode, or only its description."""
@@ -126,9 +171,28 @@ class Store:
         data = content if content is not None else (meta.model_dump_json() + "\n").encode()
         write_whole(self.root / name, data)
         line = _line(name, data, meta)
-        with (self.root / INDEX).open("a", encoding="utf-8") as index:
+        with _disk(self.root / INDEX), (self.root / INDEX).open("a", encoding="utf-8") as index:
             index.write(line.model_dump_json() + "\n")
         return line
+
+    def read(self, path: Path) -> IndexLine:
+        """A trial's line from its file.
+
+        Raises:
+            CollectError: the file is damaged, or is not the trial its name says.
+        """
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise CollectError(f"cannot read {path}: {error.strerror}") from error
+        if path.suffix == ".h5":
+            with open_episode(path) as episode:
+                meta = episode.meta
+        else:
+            meta = parse_meta(path, content.decode(errors="replace"))
+        if path.stem != f"{meta.seed:06d}":
+            raise CollectError(f"{path}: expected the trial its name says, got seed {meta.seed}")
+        return _line(str(path.relative_to(self.root)), content, meta)
 
     def scan(self, each: Callable[[], None] = lambda: None) -> list[IndexLine]:
         """Read every file and return the index, by seed.
@@ -137,23 +201,30 @@ class Store:
             each: called after each file.
 
         Raises:
-            CollectError: a file is damaged, or there is no data set.
+            CollectError: files are damaged or not of this data set, or there is none.
         """
-        if self.recipe() is None:
+        recipe = self.recipe()
+        if recipe is None:
             raise CollectError(
                 f"no data set in {self.root}: expected a directory with {RECIPE}, as `trill "
                 "collect` makes"
             )
-        lines = []
+        lines, wrong = [], []
         for path in self.files():
-            content = path.read_bytes()
-            if path.suffix == ".h5":
-                with open_episode(path) as episode:
-                    meta = episode.meta
-            else:
-                meta = parse_meta(path, content.decode(errors="replace"))
-            lines.append(_line(str(path.relative_to(self.root)), content, meta))
+            try:
+                line = self.read(path)
+                if line.meta.recipe != recipe:
+                    differences = "; ".join(recipe.differences(line.meta.recipe))
+                    wrong.append(f"{path}: of another data set, here | there: {differences}")
+                lines.append(line)
+            except CollectError as error:
+                wrong.append(str(error))
             each()
+        if wrong:
+            raise CollectError(
+                "damaged or foreign files; move them away, and the same command makes these trials "
+                "again:\n  " + "\n  ".join(wrong)
+            )
         return sorted(lines, key=lambda line: line.meta.seed)
 
     def files(self) -> list[Path]:

@@ -10,7 +10,7 @@ import numpy as np
 from studies.collect.columns import COLUMNS, Rows
 from studies.collect.episode import Made
 from studies.collect.fileformat import EpisodeMeta, to_bytes
-from studies.collect.recipe import Recipe
+from studies.collect.recipe import Recipe, source, versions
 
 RECIPE = Recipe(task="door/unlock", physics_steps=5, eyes=None)
 
@@ -38,7 +38,8 @@ def meta(seed: int, verdict: str = "success", frames: int = 4) -> EpisodeMeta:
         stages=(),
         gave_up="",
         recipe=RECIPE,
-        versions={"python": "3"},
+        versions=versions(),
+        source=source(),
     )
 
 
@@ -75,6 +76,9 @@ class FakeCrew:
             self._barrier.wait(timeout=20.0)
         time.sleep(pause)
         return made(seed, "failure" if seed in self._failing else "success")
+
+    def watch(self) -> list[str]:
+        return []
 
     def end(self) -> None:
         self._pool.shutdown()
