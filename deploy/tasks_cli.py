@@ -16,7 +16,8 @@ EXAMPLES = """examples:
   trill tasks door/unlock
   trill tasks --physics > physics.md
   trill tasks --pictures docs/tasks
-  python -m services.sim --task door/unlock --seed 7         the plant with that task
+  trill demo --task door/unlock --seed 7                     see it done, live
+  python -m studies.tasks film all --out docs/tasks          pictures of a success of each
 """
 
 

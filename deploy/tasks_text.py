@@ -15,15 +15,20 @@ from services.sim.world import build_model
 PICTURES = Path("docs/tasks")
 
 
+def sheet_name(task: str) -> str:
+    """File name of the pictures of a task done."""
+    return f"{task.replace('/', '-')}.jpg"
+
+
 def task_table(tasks: list[Task]) -> Table:
-    """The tasks at a glance."""
+    """The tasks at a glance; the last column names pictures of a success of each."""
     table = Table(show_lines=True)
-    for title in ("task", "goal", "limit", "a success if", "picture"):
+    for title in ("task", "goal", "limit", "a success if", f"in {PICTURES}"):
         table.add_column(title, overflow="fold")
-    table.columns[0].no_wrap = table.columns[2].no_wrap = True
+    for column in (0, 2, 4):
+        table.columns[column].no_wrap = True
     for task in tasks:
-        picture = PICTURES / f"{task.scene}.jpg"
-        table.add_row(task.name, task.goal, f"{task.limit:g} s", task.rule, str(picture))
+        table.add_row(task.name, task.goal, f"{task.limit:g} s", task.rule, sheet_name(task.name))
     return table
 
 
@@ -49,6 +54,8 @@ def describe(task: Task) -> str:
         + "".join(f", or: {wrong.name}" for wrong in task.wrongs),
         f"conditions  {noise}" + _own_link(task),
         f"origin      {task.origin}",
+        f"pictures    {PICTURES / sheet_name(task.name)} (a success of the synthetic operator), "
+        f"{PICTURES / task.scene}.jpg (the scene)",
         "",
         "stages, the last is the goal:",
         *stages,

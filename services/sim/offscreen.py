@@ -18,6 +18,11 @@ _HINT = (
 )
 
 
+_SHADOW_NEAR = 0.005
+"""Near plane of pictures with shadows, in extents of the model; the light's own picture has the
+same, and with a farther one its shadows speckle the floor away from it."""
+
+
 class Offscreen:
     """Renders one size of picture of one model.
 
@@ -51,6 +56,8 @@ class Offscreen:
             # PyOpenGL raises AttributeError, ImportError, RuntimeError or its own EGLError.
             raise RenderingUnavailableError(f"{_HINT} ({type(error).__name__}: {error})") from error
         self._model = model
+        if not plain:
+            model.vis.map.znear = min(model.vis.map.znear, _SHADOW_NEAR)
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)

@@ -137,7 +137,8 @@ def run_all(trials: list[TrialSpec], jobs: int) -> list[TrialResult]:
 
 def film(arguments: argparse.Namespace) -> int:
     """Show a success of each task; 1 if one had none."""
-    from studies.tasks.film import record, sheet_name, write_sheet
+    from deploy.tasks_text import sheet_name
+    from studies.tasks.film import record, write_sheet
 
     out: Path = arguments.out
     if out.suffix and arguments.task == "all":

@@ -42,11 +42,6 @@ def record(spec: TrialSpec) -> tuple[TrialResult, Film]:
         stack.runner.close()
 
 
-def sheet_name(task: str) -> str:
-    """File name of a task's sheet."""
-    return f"{task.replace('/', '-')}.jpg"
-
-
 def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = None) -> None:
     """Write the telling moments of a trial as one picture.
 

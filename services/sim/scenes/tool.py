@@ -118,8 +118,8 @@ SCENE = Scene(
     build=_build,
     physics=(*TABLE_QUANTITIES, TOOL_BATTERY, TOOL_REST, TOOL_GRIP, BOX_MASS, BOX_GRIP),
     views=(
-        View((0.35, -0.1, 0.75), 40.0, -18.0, 2.3),
+        View((0.30, -0.05, 0.82), -145.0, -20.0, 1.9),
         View((0.3, -0.1, 0.75), 140.0, -20.0, 2.3),
-        View((0.42, -0.16, 0.80), 20.0, -42.0, 0.95),
+        View((0.38, -0.10, 0.82), -165.0, -34.0, 0.95),
     ),
 )
