@@ -130,8 +130,33 @@ class Plan(BaseModel):
 
     def differences(self, other: "Plan") -> list[str]:
         """``name: this | other`` for each value that differs."""
-        mine, theirs = self.model_dump(mode="json"), other.model_dump(mode="json")
-        return [f"{n}: {mine[n]} | {theirs[n]}" for n in mine if mine[n] != theirs[n]]
+        mine, theirs = _flat(self), _flat(other)
+        told = []
+        for name in dict.fromkeys([*mine, *theirs]):
+            here, there = mine.get(name, "none"), theirs.get(name, "none")
+            if here != there:
+                hint = "; the system's code is another" if name == "versions.source" else ""
+                told.append(f"{name}: {here} | {there}{hint}")
+        return told
+
+
+def _flat(plan: Plan) -> dict[str, str]:
+    """Each value by itself, conditions by name."""
+    flat: dict[str, str] = {}
+    for name, value in plan.model_dump(mode="json").items():
+        if name == "conditions":
+            flat |= {f"condition {part['name']}": _short(part) for part in value}
+            flat["conditions"] = ", ".join(part["name"] for part in value)
+        elif isinstance(value, dict):
+            flat |= {f"{name}.{key}": str(part) for key, part in value.items()}
+        else:
+            flat[name] = ", ".join(value) if isinstance(value, list) else str(value)
+    return flat
+
+
+def _short(condition: dict[str, Any]) -> str:
+    links = [f"{name}={spec}" for name, spec in condition["links"].items()]
+    return ", ".join([*links, *(["raw"] if condition["raw_hands"] else [])]) or "no delay"
 
 
 def versions() -> dict[str, str]:

@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import ConfigError
+from studies.latency.conditions import standard
 from studies.latency.errors import LatencyStudyError
 from studies.latency.run import run_study
 from studies.latency.store import TRIALS, Store
@@ -78,10 +79,11 @@ def test_damage_within_is_no_torn_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("other", "says"),
     [
-        (plan_of(*CONDITIONS[:3]), "conditions"),
-        (plan_of(*CONDITIONS, tasks=(UNLOCK,)), HAMMER),
+        (plan_of(*CONDITIONS[:3]), "condition latency-500: command=500ms | none"),
+        (plan_of(*standard("both")), "latency-250: command=250ms | both=250ms"),
+        (plan_of(*CONDITIONS, tasks=(UNLOCK,)), f"tasks: {UNLOCK}, {HAMMER} | {UNLOCK}"),
         (plan_of(*CONDITIONS, physics_steps=5), "physics_steps: 1 | 5"),
-        (plan_of(*CONDITIONS, versions={"mujoco": "4"}), "versions"),
+        (plan_of(*CONDITIONS, versions={"mujoco": "4"}), "versions.mujoco: 3 | 4"),
     ],
 )
 def test_other_settings_are_refused(tmp_path: Path, other: object, says: str) -> None:
