@@ -13,87 +13,138 @@ if TYPE_CHECKING:
     from studies.collect.recipe import Recipe
 
 DATASETS = Path("runs/datasets")
-TEXT = """Collect demonstrations of a task: the synthetic operator does it again and again in
-simulated time, each trial with a seed of its own, until there are as many successes as asked for.
-Each becomes one HDF5 file of 20 Hz frames: both eyes, the poses of feet and hands, the controller's
-state, the joints; hands, grippers, gait and neck as the operator set them; the robot time of each
-and how old it was. Names, units and frames are in the file.
+TEXT = """Collect demonstrations of a task: a synthetic operator (a program with human-like hands,
+eyes and delays, no person) does it again and again in simulated time, each trial with a seed of its
+own, until there are as many successes as asked for.
 
-A run can be ended or killed at any moment; the same command goes on where it was. The set of
-episodes, to the byte, depends on neither that nor --jobs. A trial that fails is counted with its
-reason and, unless --keep-failures is given, not kept.
+Each success becomes one HDF5 file of 20 Hz frames: pictures of both eyes, poses of feet and hands,
+the controller's state, the joints; hands, grippers, gait and neck as the operator set them; the
+robot time of each and how old it was. Names, units and frames are in the file. With pictures of
+400x300 a trial of door/unlock is about 6 MB; what a run will take is told before it begins.
 
-Exit code: 0 all there, 1 not (too few successes, no data set), 2 wrong options, 130 Ctrl-C."""
+A run can be ended or killed at any moment; the same command goes on where it was. The episodes, to
+the byte, depend on neither that nor --jobs nor the machine. They do depend on this project's code:
+a data set begun by other code is not continued unless you accept it. A trial that fails is counted
+with its reason; its episode is kept only with --keep-failures.
+
+Exit code: 0 all there, 1 not (too few successes, something wrong in a data set), 2 wrong options,
+130 Ctrl-C."""
 EXAMPLES = f"""examples:
+  trill tasks                                            the tasks there are
   trill collect door/unlock --episodes 250 --jobs 2
-  trill collect door/unlock --episodes 500 --jobs 2            250 more into the same data set
+  trill collect door/unlock --episodes 500 --jobs 2      250 more into the same data set
   trill collect door/unlock --link both=250ms --out {DATASETS}/late
   trill collect door/unlock --no-images --keep-failures --out {DATASETS}/states
-  trill collect door/unlock --ray auto                         on a Ray cluster
+  trill collect door/unlock --ray auto                   on a Ray cluster
   trill collect --info {DATASETS}/door-unlock
   trill collect --info {DATASETS}/door-unlock --sheet episode.png --episode 3
-  trill collect --check {DATASETS}/door-unlock                 is every file as it should be?
-  trill collect --check {DATASETS}/door-unlock --remake 3      and the same bytes when made again?
-  trill collect --reindex {DATASETS}/door-unlock               index.jsonl anew from the files
+  trill collect --check {DATASETS}/door-unlock --remake 3
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill collect``."""
-    parser.add_argument("task", nargs="?", help="which task, see: trill tasks")
-    parser.add_argument("--episodes", type=_positive, default=10, help="successes in all (10)")
-    parser.add_argument("--jobs", type=_positive, help="trials at a time (1; Ray: its processors)")
-    parser.add_argument("--out", type=Path, help=f"the data set ({DATASETS}/<task>)")
-    parser.add_argument(
-        "--seed",
-        type=int,
-        default=0,
-        help="of the first trial; the next one has the next number (0)",
+    add = parser.add_argument
+    add("task", nargs="?", help="which task, as door/unlock; trill tasks lists them")
+    add(
+        "--episodes",
+        type=_positive,
+        default=10,
+        metavar="N",
+        help="successes wanted, those of an earlier run counted (10)",
     )
-    parser.add_argument(
-        "--max-trials", type=_positive, help="give up after so many (20 + 4 x --episodes)"
+    add(
+        "--jobs",
+        type=_positive,
+        metavar="N",
+        help="trials at a time, a process each (1; Ray: as many as the cluster has processors)",
     )
-    parser.add_argument(
+    add("--out", type=Path, metavar="DIR", help=f"the data set ({DATASETS}/<task>)")
+    add("--seed", type=int, default=0, metavar="N", help="of the first trial, then one up (0)")
+    add(
+        "--max-trials",
+        type=_positive,
+        metavar="N",
+        help="give up after so many (20 + 4 x --episodes)",
+    )
+    add(
         "--accept-changes",
         action="store_true",
-        help="go on with a data set that other code began; each episode says which made it",
+        help="go on with a data set that other code began; each episode says which code made it",
     )
-    parser.add_argument("--ray", metavar="ADDRESS", help="auto, HOST:PORT or ray://HOST:PORT")
-    made = parser.add_argument_group("what an episode is made from")
-    made.add_argument("--traits", default="practised", help="of the operator: practised, steady")
-    made.add_argument(
+    add("--ray", metavar="ADDRESS", help="a Ray cluster: auto, HOST:PORT or ray://HOST:PORT")
+    _made_from(parser.add_argument_group("what an episode is made from"))
+    eyes = parser.add_argument_group("pictures")
+    eyes.add_argument("--width", type=int, default=400, metavar="N", help="pixels (400)")
+    eyes.add_argument("--height", type=int, default=300, metavar="N", help="pixels (300)")
+    eyes.add_argument("--quality", type=int, default=90, metavar="N", help="of JPEG, 1-100 (90)")
+    eyes.add_argument(
+        "--no-images",
+        action="store_true",
+        help="none; they can be rendered later from the poses in the file",
+    )
+    look = parser.add_argument_group("look at a data set, instead of collecting")
+    look.add_argument("--info", type=Path, metavar="DIR", help="trials, successes, failures, times")
+    look.add_argument(
+        "--sheet", type=Path, metavar="FILE.png", help="with --info: picture of an episode"
+    )
+    look.add_argument("--episode", type=_seed, metavar="SEED", help="of which (the first)")
+    look.add_argument(
+        "--check",
+        type=Path,
+        metavar="DIR",
+        help="read every file, array, stamp and picture and say what is wrong",
+    )
+    look.add_argument(
+        "--remake",
+        type=_seed,
+        metavar="SEED",
+        help="with --check: make that one again and compare the bytes",
+    )
+    look.add_argument(
+        "--reindex", type=Path, metavar="DIR", help="write index.jsonl anew from the files"
+    )
+
+
+def _made_from(group: "argparse._ArgumentGroup") -> None:
+    group.add_argument(
+        "--traits",
+        default="practised",
+        metavar="NAME",
+        help="of the operator: practised (standard), or steady, without tremor or aiming errors",
+    )
+    group.add_argument(
         "--link",
         action="append",
         default=[],
         metavar="NAME=SPEC",
-        help="as both=250ms; replaces the task's own link (twin/: command=paper); none: no link",
+        help="injected "
+        "delay, as both=250ms (see: trill latency --help); replaces the task's own (twin/: "
+        "command=paper); none: no delay",
     )
-    made.add_argument("--torque-mode", default="relaxed", help="relaxed (standard) or rated")
-    made.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
-    made.add_argument("--raw-hands", action="store_true", help="no interpolation of the hands")
-    made.add_argument(
+    group.add_argument(
+        "--torque-mode",
+        default="relaxed",
+        metavar="MODE",
+        help="torque limits: relaxed (standard) or rated, the real motors'",
+    )
+    group.add_argument(
+        "--pace", default="", help="of the gaits: fast, normal, slow, public (normal; rated: slow)"
+    )
+    group.add_argument(
+        "--raw-hands",
+        action="store_true",
+        help="the controller does not interpolate the hand set-points",
+    )
+    group.add_argument(
         "--physics-steps",
         type=int,
         default=1,
-        help="per step of the plant, 1 or 5; 5 is faster (1)",
+        metavar="N",
+        help="of 1 ms between "
+        "two looks at the bus, 1 to 5; 5 is faster, the robot hears commands later (1)",
     )
-    made.add_argument("--keep-failures", action="store_true", help="keep what is no success, too")
-    eyes = parser.add_argument_group("pictures")
-    eyes.add_argument("--width", type=int, default=400, help="pixels (400)")
-    eyes.add_argument("--height", type=int, default=300, help="pixels (300)")
-    eyes.add_argument("--quality", type=int, default=90, help="of JPEG, 1 to 100 (90)")
-    eyes.add_argument("--no-images", action="store_true", help="none; about a third faster")
-    look = parser.add_argument_group("look at a data set")
-    look.add_argument("--info", type=Path, metavar="DIR", help="tasks, successes, durations")
-    look.add_argument("--sheet", type=Path, metavar="FILE.png", help="picture of an episode")
-    look.add_argument("--episode", type=int, metavar="SEED", help="of which (the first)")
-    look.add_argument(
-        "--check", type=Path, metavar="DIR", help="read all of it, say what is wrong; 1 if anything"
-    )
-    look.add_argument(
-        "--remake", type=_seed, metavar="SEED", help="with --check: make it again, compare bytes"
-    )
-    look.add_argument("--reindex", type=Path, metavar="DIR", help="rebuild index.jsonl")
+    group.add_argument("--keep-failures", action="store_true", help="keep their episodes, too")
 
 
 def _positive(text: str) -> int:
@@ -163,11 +214,14 @@ def _reindex(root: Path) -> int:
     store, console = Store(root), Console()
     if store.recipe() is None:
         raise ConfigError(f"no data set in {root}: expected a directory with dataset.json")
-    with store.locked(), Progress(console=console, transient=True) as progress:
+    with (
+        store.locked(),
+        Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
+    ):
         bar = progress.add_task("reading the files", total=len(store.files()))
         lines = store.scan(lambda: progress.advance(bar))
         store.write_index(lines)
-    console.print(f"{root}: {len(lines)} trials in the index", markup=False)
+    console.print(f"{root}: {len(lines)} trials in the index", markup=False, soft_wrap=True)
     return 0
 
 
@@ -180,7 +234,7 @@ def _check(root: Path, seed: int | None) -> int:
 
     store, console = Store(root), Console()
     files = store.files()
-    with Progress(console=console, transient=True) as progress:
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         bar = progress.add_task("checking", total=len(files))
         wrong = check(store, lambda: progress.advance(bar))
     if seed is not None:
@@ -188,7 +242,8 @@ def _check(root: Path, seed: int | None) -> int:
     for text in wrong:
         console.print(text, markup=False, highlight=False, soft_wrap=True)
     again = "" if seed is None else f", seed {seed} made again"
-    console.print(f"{root}: {len(files)} trials read{again}; {len(wrong) or 'nothing'} wrong")
+    text = f"{root}: {len(files)} trials read{again}; {len(wrong) or 'nothing'} wrong"
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
     return 1 if wrong else 0
 
 

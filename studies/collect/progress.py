@@ -51,7 +51,7 @@ class Pace:
         return parts
 
 
-_FIXED = 46
+_FIXED = 40
 """Columns of a terminal that bar, count and margins take."""
 
 
