@@ -197,18 +197,21 @@ class _Writer:
         """Film some pictures, or return them as a column; count every fourth."""
         embedded = []
         for frame in range(block.start, block.stop):
+            counted, filmed = frame % EVERY == 0, eye in self.films
+            if not filmed and not self.source.resized:
+                # As collected: to decode and encode it again would lose, or be many times larger.
+                jpeg = episode.jpeg(eye, frame)
+                embedded.append({"bytes": jpeg, "path": f"{frame:06d}.jpg"})
+                if not counted:
+                    continue
             picture = self.source.picture(episode, eye, frame)
-            if frame % EVERY == 0:
+            if counted:
                 seen.add(picture)
-            if eye in self.films:
+            if filmed:
                 self.films[eye].add(picture)
             elif self.source.resized:
                 _, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
                 embedded.append({"bytes": png.tobytes(), "path": f"{frame:06d}.png"})
-            else:
-                # As collected: to decode and encode it again would lose, or be many times larger.
-                jpeg = episode.jpeg(eye, frame)
-                embedded.append({"bytes": jpeg, "path": f"{frame:06d}.jpg"})
         return {layout.PICTURE_KEYS[eye]: embedded} if embedded else {}
 
     def _row(

@@ -134,6 +134,7 @@ def _write_demo(demo: Any, chosen: Chosen, episode: Episode) -> None:
     demo.attrs["task"], demo.attrs["seed"] = meta.task, meta.seed
     demo.attrs["verdict"], demo.attrs["reason"] = meta.verdict, meta.reason
     demo.attrs["success"], demo.attrs["synthetic"] = meta.success, meta.synthetic
+    demo.attrs["source"] = meta.source
     demo.attrs["versions"] = json.dumps(meta.versions)
     demo.attrs["recipe"] = meta.recipe.model_dump_json()
     observed = demo.create_group("obs")
@@ -182,7 +183,7 @@ def _describe(
         {
             "env_name": ", ".join(source.tasks),
             "type": NO_ENVIRONMENT,
-            "env_version": source.episodes[0].meta.versions.get("trill", ""),
+            "env_version": source.episodes[0].meta.source,
             "env_kwargs": {},
         }
     )

@@ -7,12 +7,14 @@ import cv2
 import numpy as np
 
 from studies.collect.columns import COLUMNS, EYES, Rows
+from studies.collect.dataset import Build
 from studies.collect.fileformat import EpisodeMeta, Image, to_bytes
 from studies.collect.recipe import Eyes, Recipe
 from studies.collect.store import Store
 
 SIZE = (48, 32)
 FRAMES, VERDICT = 13, 10
+BUILD = Build(source="0123", versions={"python": "3"})
 
 
 def picture(seed: int, eye: str, frame: int, size: tuple[int, int] = SIZE) -> Image:
@@ -50,7 +52,7 @@ def make(
     eyes = Eyes(width=size[0], height=size[1], quality=95) if size else None
     recipe = Recipe(task=task, eyes=eyes, keep_failures=True)
     store = Store(root)
-    with store.writing(recipe):
+    with store.writing(recipe, BUILD):
         for seed, verdict in enumerate(verdicts):
             given = (rows_of or {}).get(seed) or rows(seed)
             pictures = {
@@ -69,7 +71,8 @@ def make(
                 stages=(),
                 gave_up="",
                 recipe=recipe,
-                versions={"python": "3"},
+                versions=BUILD.versions,
+                source=BUILD.source,
             )
             store.add(about, to_bytes(about, given, pictures))
     return root
