@@ -80,7 +80,7 @@ def test_ended_killed_and_resumed_it_comes_to_the_same_bytes(tmp_path: Path) -> 
     )
     assert "of these from before" in resumed.stderr
     whole = tmp_path / "whole"
-    subprocess.run(command(whole), cwd=ROOT, capture_output=True, check=True)
+    subprocess.run(command(whole, "--jobs", "2"), cwd=ROOT, capture_output=True, check=True)
     assert digests(out) == digests(whole)
     assert len(Store(whole).index()) >= 2
 

@@ -1,6 +1,8 @@
 """One real trial: its frames against the log of the same trial, and the same bytes every time."""
 
 import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from threading import Event
@@ -16,22 +18,40 @@ from common.schemas import PlantState, Setpoint
 from common.topics import PLANT_STATE, TELEOP_SETPOINT
 from services.sim.errors import RenderingUnavailableError, SimError
 from services.sim.tasks import find_task
+from studies.collect.check import check
+from studies.collect.dataset import Build
 from studies.collect.episode import Made, make_episode
 from studies.collect.errors import StoppedError
 from studies.collect.fileformat import Episode, open_episode
 from studies.collect.info import sheet
 from studies.collect.recipe import Eyes, Recipe
+from studies.collect.store import Store
 from studies.tasks.stack import TaskStack
 from tests.collect.support import RECIPE
 
-LATE = RECIPE.model_copy(update={"links": {"feedback": "250ms"}})
+BEGUN = RECIPE.model_copy(update={"keep_failures": True})
+"""Only the first two seconds: enough for what does not depend on the end."""
+LATE = BEGUN.model_copy(update={"links": {"feedback": "250ms"}})
+
+
+@contextmanager
+def short(recipe: Recipe) -> Iterator[None]:
+    """Trials of recipes that keep failures end after two seconds."""
+    task = find_task(recipe.task)
+    limit = 2.0 if recipe.keep_failures else task.limit
+    with pytest.MonkeyPatch.context() as patch:
+        other = dataclasses.replace(task, limit=limit)
+        patch.setattr("services.sim.plant.find_task", lambda _name: other)
+        yield
 
 
 @cache
 def made(seed: int, recipe_json: str, repeat: int = 0) -> Made:
     """An episode; ``repeat`` sets repetitions of the same one apart."""
     assert repeat >= 0
-    return make_episode(Recipe.model_validate_json(recipe_json), seed)
+    recipe = Recipe.model_validate_json(recipe_json)
+    with short(recipe):
+        return make_episode(recipe, seed)
 
 
 def of(seed: int, recipe: Recipe = RECIPE, repeat: int = 0) -> Made:
@@ -41,8 +61,9 @@ def of(seed: int, recipe: Recipe = RECIPE, repeat: int = 0) -> Made:
 @cache
 def logged(seed: int) -> tuple[dict[int, PlantState], list[Setpoint]]:
     """Measured states by stamp, and set-points, of the same trial without a recorder."""
-    stack = TaskStack(RECIPE.trial(seed), record=True)
-    stack.run()
+    with short(BEGUN):
+        stack = TaskStack(BEGUN.trial(seed), record=True)
+        stack.run()
     log = stack.runner.log
     states = [decode(s.payload, PlantState) for s in log if s.key.endswith(PLANT_STATE.name)]
     points = [decode(s.payload, Setpoint) for s in log if s.key.endswith(TELEOP_SETPOINT.name)]
@@ -57,9 +78,8 @@ def written(path: Path, outcome: Made) -> Path:
 
 def test_frames_are_those_of_the_trial(tmp_path: Path) -> None:
     states, points = logged(0)
-    with open_episode(written(tmp_path / "e.h5", of(0))) as episode:
-        assert episode.meta.success
-        assert episode.meta.frames == len(points) > 80
+    with open_episode(written(tmp_path / "e.h5", of(0, BEGUN))) as episode:
+        assert episode.meta.frames == len(points) > 25
         stamps = episode.array("time/state_ns")
         joints = np.array([states[stamp].joint_position for stamp in stamps.tolist()])
         both = episode.array("observation/joint_sin_cos")
@@ -74,6 +94,18 @@ def test_frames_are_those_of_the_trial(tmp_path: Path) -> None:
         np.testing.assert_array_equal(hands[:, 7:10], right)
         grasp = np.array([point.gripper_closure for point in points])
         np.testing.assert_array_equal(episode.array("action/grasp"), grasp)
+
+
+def test_a_whole_trial_is_a_success_and_passes_every_check(tmp_path: Path) -> None:
+    outcome = of(0)
+    assert outcome.meta.success
+    store = Store(tmp_path)
+    with store.writing(RECIPE, Build.here()):
+        line = store.add(outcome.meta, outcome.content)
+    assert check(store) == []
+    with open_episode(tmp_path / line.file) as episode:
+        assert episode.meta.frames > 80
+        assert episode.meta.verdict_frame > 0
 
 
 def test_time_goes_in_even_steps_and_nothing_is_of_the_future(tmp_path: Path) -> None:
@@ -156,7 +188,7 @@ def _pictured(episode: Episode) -> None:
     assert sheet(episode, shown=4).shape[1] > 1600
 
 
-SMALL = RECIPE.model_copy(update={"eyes": Eyes(width=64, height=48)})
+SMALL = BEGUN.model_copy(update={"eyes": Eyes(width=64, height=48)})
 
 
 def test_same_seed_same_bytes_with_pictures_and_another_seed_differs(tmp_path: Path) -> None:
