@@ -5,6 +5,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from common.errors import ConfigError
 from deploy import latency_cli
 from deploy.launch import Ended
 from deploy.process import Restart
@@ -101,9 +102,13 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
 
     own: dict[str, str] = {}
     if arguments.task is not None:
+        from services.sim.errors import TaskError
         from services.sim.tasks import find_task
 
-        own = find_task(arguments.task).links
+        try:
+            own = find_task(arguments.task).links
+        except TaskError as error:
+            raise ConfigError(f"--task: {error}") from error
     return SystemOptions(
         mode=arguments.mode,
         cameras=not arguments.no_cameras,

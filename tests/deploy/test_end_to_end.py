@@ -69,6 +69,26 @@ def test_one_gait_from_start_to_summary(tmp_path: Path) -> None:
     assert left_behind(tmp_path) == []
 
 
+def test_a_task_is_done_and_its_verdict_is_the_exit_code(tmp_path: Path) -> None:
+    ended = demo(tmp_path, "--task", "door/unlock", "--seed", "7", "--no-pictures")
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    (run_dir,) = (tmp_path / "runs").iterdir()
+    summary = RunSummary.model_validate_json((run_dir / "summary.json").read_text())
+    assert summary.outcome == "completed"
+    (trial,) = summary.trials
+    assert (trial.task, trial.seed, trial.verdict) == ("door/unlock", 7, "success")
+    assert None not in [stage.at for stage in trial.stages]
+    assert "door/unlock seed 7 by synthetic door/unlock: SUCCESS" in ended.stdout
+
+    short = demo(tmp_path, "--task", "door/unlock", "--seconds", "1", "--no-pictures")
+    assert short.returncode == 1
+    assert "stopped after 1 s; no verdict at" in short.stderr
+    wrong = demo(tmp_path, "--task", "door/unlok")
+    assert wrong.returncode == 2
+    assert "--task: unknown task 'door/unlok': expected one of" in wrong.stderr
+    assert left_behind(tmp_path) == []
+
+
 def test_a_script_that_does_not_exist_starts_nothing(tmp_path: Path) -> None:
     ended = demo(tmp_path, "--script", "nonsense")
     assert ended.returncode == 2
