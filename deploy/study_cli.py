@@ -189,6 +189,7 @@ def _run(arguments: argparse.Namespace, store: "Store", console: "Console") -> N
             episodes=arguments.episodes,
             jobs=jobs,
             tell=display.tell,
+            say=display.say,
         )
 
 

@@ -1,11 +1,8 @@
 """What a study consists of: everything that decides its figures but the number of episodes."""
 
-import hashlib
-import importlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -14,12 +11,11 @@ from common.errors import ConfigError, explain
 from services.sim.tasks import find_task
 from services.teleop.synthetic.traits import OperatorTraits
 from studies.latency.conditions import BASELINE, Condition
+from studies.source import digest
 from studies.tasks.stack import TrialSpec
 
 DEFAULT_TASKS = ("door/unlock", "bench/hammer")
 """The two manipulation tasks in simulation."""
-_CODE = ("common", "services.sim", "services.wbc", "services.teleop", "studies.tasks")
-"""Packages whose source can change a trial."""
 _PACKAGES = ("trill", "mujoco", "pin", "osqp", "daqp", "scipy", "numpy")
 
 
@@ -159,23 +155,17 @@ def _short(condition: dict[str, Any]) -> str:
     return ", ".join([*links, *(["raw"] if condition["raw_hands"] else [])]) or "no delay"
 
 
+def source() -> str:
+    """Which code runs the trials, in short."""
+    return digest("studies.latency.trial")[:12]
+
+
 def versions() -> dict[str, str]:
     """Versions of what can change a trial: packages, and a digest of this system's own source."""
-    found = {"source": _digest()}
+    found = {"source": source()}
     for package in _PACKAGES:
         try:
             found[package] = version(package)
         except PackageNotFoundError:
             continue
     return found
-
-
-def _digest() -> str:
-    total = hashlib.sha256()
-    for package in _CODE:
-        root = Path(next(iter(importlib.import_module(package).__path__)))
-        for path in sorted(root.rglob("*")):
-            if path.suffix in {".py", ".xml"}:
-                total.update(f"{package} {path.relative_to(root).as_posix()}\n".encode())
-                total.update(path.read_bytes())
-    return total.hexdigest()[:12]

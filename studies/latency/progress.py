@@ -52,6 +52,10 @@ class Display:
             text = f"[{done}/{standing.wanted}] {text}; {eta}"
         elif row.verdict == "success":
             return
+        self.say(text)
+
+    def say(self, text: str) -> None:
+        """Print a line above the bar."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -1,6 +1,6 @@
 """Runs what is missing of a study, several trials at a time."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field
@@ -13,6 +13,8 @@ from studies.latency.row import TrialRow
 from studies.latency.store import Store
 from studies.latency.trial import run_cell
 
+_TRIES = 3
+"""A trial that has cost so many workers is not begun again."""
 _TICK = 0.5
 """The progress moves this often at least [s]."""
 
@@ -27,6 +29,10 @@ class Crew(Protocol):
         self, work: Callable[[Plan, Cell], TrialRow], plan: Plan, cell: Cell, /
     ) -> "Future[TrialRow]":
         """Begin one."""
+        ...
+
+    def watch(self) -> list[str]:
+        """Look after the workers, about twice a second; returns what a person should hear."""
         ...
 
     def end(self) -> None:
@@ -78,6 +84,7 @@ def run_study(
     episodes: int,
     jobs: int,
     tell: Listener = lambda _standing, _row: None,
+    say: Callable[[str], None] = lambda _text: None,
 ) -> Standing:
     """Run every trial that is not in ``store`` yet.
 
@@ -88,9 +95,10 @@ def run_study(
         episodes: seeds in each condition of each task.
         jobs: trials at a time, for the time left.
         tell: hears of each trial.
+        say: hears of workers that are lost or give no sign.
 
     Raises:
-        LatencyStudyError: a worker died, or the store cannot be used.
+        LatencyStudyError: a trial has cost several workers, or the store cannot be used.
         ConfigError: the store was begun with other settings.
     """
     with store.writing(plan):
@@ -103,37 +111,51 @@ def run_study(
         if todo:
             workers = crew()
             try:
-                _drive(plan, standing, store, workers, tell)
+                _drive(plan, standing, store, workers, tell, say)
             finally:
                 workers.end()
     return standing
 
 
-def _drive(plan: Plan, standing: Standing, store: Store, crew: Crew, tell: Listener) -> None:
+def _drive(
+    plan: Plan,
+    standing: Standing,
+    store: Store,
+    crew: Crew,
+    tell: Listener,
+    say: Callable[[str], None],
+) -> None:
     """Keep the workers busy until there is nothing more to do."""
-    waiting = iter(standing.todo)
+    waiting = deque(standing.todo)
+    lost: Counter[Cell] = Counter()
     under_way: dict[Future[TrialRow], Cell] = {}
-    while True:
-        while len(under_way) < crew.size and (cell := next(waiting, None)) is not None:
+    while waiting or under_way:
+        while waiting and len(under_way) < crew.size:
+            cell = waiting.popleft()
             under_way[crew.submit(run_cell, plan, cell)] = cell
-        if not under_way:
-            return
         ended, _ = wait(under_way, timeout=_TICK, return_when=FIRST_COMPLETED)
         for future in ended:
             cell = under_way.pop(future)
-            row = _row(future, cell, crew.lost)
+            try:
+                row = future.result()
+            except crew.lost as error:
+                lost[cell] += 1
+                _check_tries(cell, lost[cell], error)
+                say(f"the worker that ran {cell.task} with seed {cell.seed} was lost; run again")
+                waiting.appendleft(cell)
+                continue
             store.add(row)
             standing.done[cell] = row
             tell(standing, row)
+        for news in crew.watch():
+            say(news)
         if not ended:
             tell(standing, None)
 
 
-def _row(future: "Future[TrialRow]", cell: Cell, lost: tuple[type[Exception], ...]) -> TrialRow:
-    try:
-        return future.result()
-    except lost as error:
+def _check_tries(cell: Cell, tries: int, error: Exception) -> None:
+    if tries >= _TRIES:
         raise LatencyStudyError(
-            f"the worker that ran {cell.task} with seed {cell.seed} was lost ({error}); what is "
-            "done is kept: give the same command again, if memory was short with fewer --jobs"
+            f"{cell.task} with seed {cell.seed} has cost {tries} workers ({error}); what is done "
+            "is kept: give the same command again, if memory was short with fewer --jobs"
         ) from error

@@ -7,10 +7,10 @@ from common.schemas import Setpoint, TaskStatus
 from common.topics import JOURNAL, PLANT_STATE, TELEOP_SETPOINT
 from services.sim.tasks import find_task
 from studies.latency.conditions import COMMAND_INPUT, FEEDBACK_INPUT
-from studies.latency.errors import StoppedError
+from studies.latency.errors import LatencyStudyError, StoppedError
 from studies.latency.latencies import Latencies
 from studies.latency.motion import Motion
-from studies.latency.plan import Cell, Plan
+from studies.latency.plan import Cell, Plan, source
 from studies.latency.row import TrialRow, judged, link_take
 from studies.tasks.stack import TaskStack, TrialResult
 from studies.workers import stop_wanted
@@ -42,7 +42,14 @@ def run_cell(plan: Plan, cell: Cell) -> TrialRow:
 
     Raises:
         StoppedError: an end is wanted meanwhile.
+        LatencyStudyError: this process runs other code than the study was begun with.
     """
+    here = source()
+    if plan.versions.get("source", here) != here:
+        raise LatencyStudyError(
+            f"the code was edited while the study ran: expected {plan.versions['source']}, got "
+            f"{here}; undo the edit and give the same command again, or choose another --out"
+        )
     began = perf_counter()
     stack = TaskStack(plan.spec(cell), journal=True)
     measurer = Measurer(stack)

@@ -1,6 +1,6 @@
 """Invented trials and answers, for tests of everything but the trial itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from concurrent.futures import Future
 from datetime import UTC, datetime
 from typing import Any
@@ -49,11 +49,11 @@ def rows(times: dict[str, float], seeds: int = 6, task: str = UNLOCK) -> list[Tr
 
 
 class FakeCrew:
-    """Does each trial at once, with an invented outcome, or fails at the ``fails_at``-th."""
+    """Does each trial at once, with an invented outcome; is lost at those numbered ``fails_at``."""
 
     lost: tuple[type[Exception], ...] = (ConnectionError,)
 
-    def __init__(self, fails_at: int | None = None) -> None:
+    def __init__(self, fails_at: Container[int] = ()) -> None:
         self.size = 2
         self.given: list[Cell] = []
         self.ended = False
@@ -66,11 +66,14 @@ class FakeCrew:
         plan.condition(cell.condition)
         self.given.append(cell)
         future: Future[TrialRow] = Future()
-        if len(self.given) == self._fails_at:
+        if len(self.given) in self._fails_at:
             future.set_exception(ConnectionError("gone"))
         else:
             future.set_result(row(cell.condition, cell.seed, task=cell.task))
         return future
+
+    def watch(self) -> list[str]:
+        return []
 
     def end(self) -> None:
         self.ended = True

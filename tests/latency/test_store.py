@@ -27,7 +27,7 @@ def test_each_trial_is_run_once_whatever_comes_between(tmp_path: Path) -> None:
     assert crew.given == list(PLAN.cells(2))
     assert crew.ended
 
-    dies = FakeCrew(fails_at=6)
+    dies = FakeCrew(fails_at=range(6, 100))
     with pytest.raises(LatencyStudyError, match="fewer --jobs"):
         study(cut, 2, dies)
     assert dies.ended
@@ -43,6 +43,15 @@ def test_each_trial_is_run_once_whatever_comes_between(tmp_path: Path) -> None:
     assert {cell.seed for cell in more.given} == {2}
     assert study(cut, 2, nobody := FakeCrew()) == 16
     assert nobody.given == []
+
+
+def test_a_lost_worker_costs_only_time(tmp_path: Path) -> None:
+    said: list[str] = []
+    crew = FakeCrew(fails_at={3, 7})
+    run_study(PLAN, Store(tmp_path), lambda: crew, episodes=1, jobs=2, say=said.append)
+    assert len(crew.given) == 8 + 2
+    assert len(set(keys(Store(tmp_path)))) == len(keys(Store(tmp_path))) == 8
+    assert len(said) == 2
 
 
 def test_a_torn_last_line_is_run_anew(tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from studies.latency.fromlog import trials_of
 from studies.latency.plan import Cell
 from studies.latency.row import TrialRow
 from studies.latency.store import Store
+from studies.latency.trial import run_cell
 from studies.tasks.stack import TaskStack
 from tests.latency.support import UNLOCK, plan_of
 
@@ -171,3 +172,9 @@ def test_every_trial_of_a_log_that_came_to_its_end_counts() -> None:
 def test_a_log_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(LoggerError, match="cannot open"):
         trials_of(LogReader(tmp_path / "log.mcap"), "P01", standard("command")[2])
+
+
+def test_code_that_is_another_runs_no_trial() -> None:
+    plan = plan_of(*standard("command"), tasks=(UNLOCK,), versions={"source": "0123456789ab"})
+    with pytest.raises(LatencyStudyError, match="edited while the study ran"):
+        run_cell(plan, Cell(0, UNLOCK, "raw"))
