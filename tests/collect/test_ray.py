@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from studies.collect.collect import collect
+from studies.collect.collect import Standing, collect
 from studies.collect.crew import RayCrew
 from studies.collect.episode import make_episode
 from studies.collect.errors import CollectError
-from studies.collect.store import Store
+from studies.collect.store import IndexLine, Store
 from tests.collect.support import RECIPE
 
 ray = pytest.importorskip("ray")
@@ -29,21 +29,32 @@ def cluster() -> Iterator[Any]:
         nodes.shutdown()
 
 
-def test_the_same_bytes_from_a_cluster(cluster: Any, tmp_path: Path) -> None:
+def test_the_same_bytes_from_a_cluster_that_loses_a_node(cluster: Any, tmp_path: Path) -> None:
     crews: list[RayCrew] = []
+    doomed = cluster.add_node(num_cpus=1)
+    said: list[str] = []
+    ticks: list[int] = []
 
     def crew() -> RayCrew:
         crews.append(RayCrew(RECIPE, cluster.address, None))
         return crews[0]
 
-    standing = collect(RECIPE, Store(tmp_path), crew, wanted=2, max_trials=6)
-    assert crews[0].size == 2
+    def tell(standing: Standing, _line: IndexLine | None) -> None:
+        # Every node has an episode under way when one is killed.
+        ticks.append(len(standing.lines))
+        if len(ticks) == 12:
+            cluster.remove_node(doomed, allow_graceful=False)
+
+    standing = collect(
+        RECIPE, Store(tmp_path), crew, wanted=3, max_trials=8, tell=tell, say=said.append
+    )
+    assert crews[0].size == 3
+    assert ticks[11] < 3
+    assert any("nodes now" in text for text in said)
     assert standing.complete
-    for line in standing.lines.values():
-        if line.kept:
-            assert (tmp_path / line.file).read_bytes() == make_episode(
-                RECIPE, line.meta.seed
-            ).content
+    # One made here: the same bytes.
+    line = next(line for line in standing.lines.values() if line.kept)
+    assert (tmp_path / line.file).read_bytes() == make_episode(RECIPE, line.meta.seed).content
 
 
 def test_no_cluster_is_told() -> None:
