@@ -182,13 +182,15 @@ def _check_installed(form: str) -> None:
     try:
         import cv2
         import h5py
+        import mujoco
+        import pinocchio
 
         if form == "lerobot":
             import av
             import pyarrow
 
             del av, pyarrow
-        del cv2, h5py
+        del cv2, h5py, mujoco, pinocchio
     except ImportError as error:
         raise ConfigError(
             f"trill dataset export --format {form} needs the package {error.name}: "
