@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite study links faults fuzz loaders bench lint setup clean
+.PHONY: help demo drive top test suite study tasks links faults fuzz loaders bench lint setup clean
 
 help: ## say what there is
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -29,6 +29,9 @@ suite: $(STAMP) ## every promise about standing, walking and reaching, ten minut
 
 study: $(STAMP) ## the latency study with the synthetic operator, resumable; hours on two cores
 	$(BIN)/trill study latency $(ARGS)
+
+tasks: $(STAMP) ## 25 seeds of each scored task by the synthetic operator, under an hour on two cores
+	$(BIN)/python -m studies.tasks run all --seeds 0:25 --jobs 2 --out runs/studies/tasks.jsonl $(ARGS)
 
 links: $(STAMP) ## injected delays, asked for against achieved, live and in simulated time
 	$(BIN)/python -m studies.links $(ARGS)

@@ -2,27 +2,29 @@
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
 from common.runtime.main import OptionFormatter
 from services.sim.tasks import all_tasks
 from services.teleop.synthetic.traits import TRAITS
+from studies.tasks.campaign import Kept, run_campaign
 from studies.tasks.links import HELP, chosen_links
-from studies.tasks.stack import TrialResult, TrialSpec, run_trial
-from studies.tasks.table import line, summary, write_json
+from studies.tasks.stack import TrialResult, TrialSpec
+from studies.tasks.table import line, summary
 
 EXAMPLES = """examples:
   python -m studies.tasks run door/unlock --seeds 0:25 --jobs 2
   python -m studies.tasks run bench/hammer --seeds 3 --link both=250ms
   python -m studies.tasks run twin/tool --seeds 3 --link none      without the task's own link
-  python -m studies.tasks run all --seeds 0:10 --out runs/studies/tasks.json
+  python -m studies.tasks run all --seeds 0:100 --jobs 2 --out runs/studies/tasks.jsonl
   python -m studies.tasks film all --out docs/tasks
 
+With --out a run may be ended or killed, and the same command goes on; all tasks with 100 seeds take
+hours.
 A task may have a link of its own (the twin/ tasks: command=paper); it holds unless --link is given.
-The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong.
+The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong, 130 after
+Ctrl-C.
 """
 
 
@@ -60,7 +62,11 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("task", choices=["all", *all_tasks()], help="which task")
     run.add_argument("--seeds", type=seed_range, default="0:5", help="for instance 0:25")
     run.add_argument("--jobs", type=int, default=1, help="trials at a time")
-    run.add_argument("--out", type=Path, help="write the results as JSON")
+    run.add_argument(
+        "--out",
+        type=Path,
+        help="keep each trial here as a line of JSON; what is there already is not run again",
+    )
     _trial_options(run)
     film = commands.add_parser(
         "film",
@@ -122,17 +128,41 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
     ]
 
 
-def run_all(trials: list[TrialSpec], jobs: int) -> list[TrialResult]:
-    """Run the trials, printing each as it ends; the results are in the order of the trials."""
-    results: dict[int, TrialResult] = {}
-    # A fresh interpreter each: MuJoCo's and the solvers' threads do not survive a fork.
-    with ProcessPoolExecutor(max(1, jobs), mp_context=get_context("spawn")) as pool:
-        futures = {pool.submit(run_trial, trial): i for i, trial in enumerate(trials)}
-        for future in as_completed(futures):
-            result = future.result()
-            results[futures[future]] = result
-            print(f"[{len(results)}/{len(trials)}] {line(result)}", file=sys.stderr, flush=True)
-    return [results[i] for i in range(len(trials))]
+def run(arguments: argparse.Namespace) -> int:
+    """Run the trials with a progress bar, print the table; 0 if all were a success."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    trials, kept = specs(arguments), Kept(arguments.out)
+    console = Console(stderr=True)
+    there = sum(kept.of(trial) is not None for trial in trials)
+    count = there
+
+    def say(text: str) -> None:
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+    with Progress(
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        disable=not console.is_terminal,
+    ) as progress:
+        bar = progress.add_task("trials", total=len(trials), completed=there)
+
+        def tell(result: TrialResult) -> None:
+            nonlocal count
+            count += 1
+            progress.advance(bar)
+            say(f"[{count}/{len(trials)}] {line(result)}")
+
+        if there:
+            say(f"{there} of {len(trials)} trials are in {kept.path} already")
+        if kept.strange:
+            say(f"{kept.strange} trials in {kept.path} were run by other code and do not count")
+        results = run_campaign(trials, kept, arguments.jobs, tell, say)
+    print(summary(results))
+    return 0 if all(result.verdict == "success" for result in results) else 1
 
 
 def film(arguments: argparse.Namespace) -> int:
@@ -164,14 +194,13 @@ def main(argv: list[str] | None = None) -> int:
     try:
         if arguments.command == "film":
             return film(arguments)
-        results = run_all(specs(arguments), arguments.jobs)
+        return run(arguments)
     except TrillError as error:
         print(f"studies.tasks: {error}", file=sys.stderr)
         return 2
-    print(summary(results))
-    if arguments.out is not None:
-        write_json(results, arguments.out)
-    return 0 if all(result.verdict == "success" for result in results) else 1
+    except KeyboardInterrupt:
+        print("studies.tasks: ended; with --out, what is done is kept", file=sys.stderr)
+        return 130
 
 
 if __name__ == "__main__":

@@ -147,12 +147,3 @@ class TaskStack:
             wall=perf_counter() - began,
             links=self.links,
         )
-
-
-def run_trial(spec: TrialSpec) -> TrialResult:
-    """Run one trial from start to verdict."""
-    stack = TaskStack(spec)
-    try:
-        return stack.run()
-    finally:
-        stack.runner.close()

@@ -1,11 +1,8 @@
-"""Results of trials as text and as JSON."""
+"""Results of trials as text."""
 
-import json
 import statistics
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict
-from pathlib import Path
 
 from studies.tasks.links import links_words
 from studies.tasks.stack import TrialResult
@@ -50,13 +47,3 @@ def _row(task: str, results: Sequence[TrialResult]) -> str:
         f"| {task} | {links} | {len(results)} | {count['success']} | {count['partial']} "
         f"| {count['failure']} | {spread} | {speed:.2f} x |"
     )
-
-
-def write_json(results: Sequence[TrialResult], path: Path) -> None:
-    """Write every trial, with the links it ran under."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    content = {
-        "operator": "synthetic",
-        "trials": [asdict(result) for result in results],
-    }
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
