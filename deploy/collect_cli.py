@@ -212,8 +212,9 @@ def _reindex(root: Path) -> int:
     from studies.collect.store import Store
 
     store, console = Store(root), Console()
+    # None there is told before a lock is left in the directory.
     if store.recipe() is None:
-        raise ConfigError(f"no data set in {root}: expected a directory with dataset.json")
+        store.scan()
     with (
         store.locked(),
         Progress(console=console, transient=True, disable=not console.is_terminal) as progress,

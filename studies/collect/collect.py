@@ -201,7 +201,9 @@ class _Drive:
                 f"the trial with seed {seed} has cost {_TRIES} workers ({error}); what is done is "
                 "kept: give the same command again, if memory was short with fewer --jobs"
             ) from error
-        self._say(f"the worker that made seed {seed} was lost ({error}); made again by another")
+        self._say(
+            f"the worker at seed {seed} died (killed? out of memory?); another makes it again"
+        )
         self._under_way[self._workers.submit(seed)] = seed
 
     def _check(self, made: Made) -> None:

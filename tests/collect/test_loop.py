@@ -115,8 +115,8 @@ class LosingCrew(FakeCrew):
 
     lost: tuple[type[Exception], ...] = (BrokenPipeError,)
 
-    def __init__(self, losses: dict[int, int]) -> None:
-        super().__init__(2, set())
+    def __init__(self, losses: dict[int, int], jobs: int = 2) -> None:
+        super().__init__(jobs, set())
         self._losses = losses
 
     def submit(self, seed: int) -> "Future[Made]":
@@ -132,17 +132,17 @@ def test_a_lost_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     said: list[str] = []
     crew = LosingCrew({1: 2, 3: 1})
     collect(RECIPE, Store(tmp_path / "lost"), lambda: crew, wanted=5, say=said.append)
-    assert sum("was lost" in text for text in said) == 3
+    assert sum("makes it again" in text for text in said) == 3
     collect(RECIPE, Store(tmp_path / "whole"), lambda: FakeCrew(1, set()), wanted=5)
     assert digests(tmp_path / "lost") == digests(tmp_path / "whole")
 
 
 def test_a_trial_that_costs_every_worker_ends_it_and_what_is_done_is_kept(tmp_path: Path) -> None:
-    crew = LosingCrew({2: 99})
+    crew = LosingCrew({2: 99}, jobs=1)
     with pytest.raises(CollectError, match="seed 2 has cost 3 workers"):
         collect(RECIPE, Store(tmp_path), lambda: crew, wanted=5)
     assert crew.ended
-    assert len(Store(tmp_path).scan()) >= 2
+    assert 1 in [line.meta.seed for line in Store(tmp_path).scan()]
 
 
 OTHER = Build(source="0" * 64, versions=Build.here().versions)
