@@ -173,7 +173,9 @@ def _train(
             losses.append(float(done["losses"]["action_loss"]))
             if len(losses) == steps:
                 break
-    if not np.isfinite(losses).all() or (steps >= STEPS and losses[-1] > 0.8 * losses[0]):
+    falls = float(np.mean(losses[-5:])) < 0.95 * float(np.mean(losses[:5]))
+    # Two steps with pictures only show that they go through.
+    if not np.isfinite(losses).all() or (steps >= STEPS and not falls):
         raise MismatchError(f"training does not work: losses {losses}")
     return [round(losses[0], 4), round(losses[-1], 4)]
 
