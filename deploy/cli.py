@@ -2,8 +2,7 @@
 
 import argparse
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
@@ -19,6 +18,7 @@ from deploy import (
     tasks_cli,
 )
 from deploy import export_cli as ex
+from deploy.commands import Command
 from deploy.launch import Ended
 from deploy.system import LOG_FILE, RUNS, bus_of
 
@@ -47,23 +47,11 @@ REPORT_EXAMPLES = """examples:
 """
 
 
-@dataclass(frozen=True)
-class _Command:
-    """One subcommand: what it is, what it takes, what it does."""
-
-    name: str
-    brief: str
-    text: str
-    examples: str
-    add: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], int]
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; returns the exit code (0, 1 for trouble, 2 for wrong options)."""
     arguments = _parser().parse_args(argv)
     try:
-        command: _Command = arguments.command
+        command: Command = arguments.command
         return command.run(arguments)
     except ConfigError as error:
         print(f"trill: {error}", file=sys.stderr)
@@ -133,19 +121,17 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 COMMANDS = (
-    *(_Command(*entry) for entry in system_cli.ENTRIES),
-    _Command("top", "live table of a running system", TOP, TOP_EXAMPLES, _top_arguments, _top),
-    *(_Command(*entry) for entry in logs_cli.ENTRIES),
-    _Command(*ledger_cli.ENTRY),
-    _Command(*latency_cli.ENTRY),
-    _Command(*tasks_cli.ENTRY),
-    _Command(*collect_cli.ENTRY),
-    _Command(*dataset_cli.ENTRY),
-    _Command(*study_cli.ENTRY),
-    _Command(
-        "report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report
-    ),
-    _Command(
+    *system_cli.COMMANDS,
+    Command("top", "live table of a running system", TOP, TOP_EXAMPLES, _top_arguments, _top),
+    *logs_cli.COMMANDS,
+    ledger_cli.COMMAND,
+    latency_cli.COMMAND,
+    tasks_cli.COMMAND,
+    collect_cli.COMMAND,
+    dataset_cli.COMMAND,
+    study_cli.COMMAND,
+    Command("report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report),
+    Command(
         "replay",
         "run a log's services again, or publish it",
         replay_cli.TEXT,
@@ -153,10 +139,10 @@ COMMANDS = (
         replay_cli.add_arguments,
         replay_cli.run,
     ),
-    _Command(
+    Command(
         "export", "a log for viewers", ex.EXPORT, ex.EXPORT_EXAMPLES, ex.takes_export, ex.export
     ),
-    _Command("view", "a log in Rerun", ex.VIEW, ex.VIEW_EXAMPLES, ex.takes_view, ex.view),
+    Command("view", "a log in Rerun", ex.VIEW, ex.VIEW_EXAMPLES, ex.takes_view, ex.view),
 )
 
 if __name__ == "__main__":

@@ -1,12 +1,12 @@
 """The subcommand ``trill collect``: demonstrations by the hundred from the synthetic operator."""
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
+from deploy.commands import Command
 
 if TYPE_CHECKING:
     from studies.collect.crew import Crew
@@ -308,15 +308,7 @@ def _collect(arguments: argparse.Namespace) -> int:
     return 0 if standing.complete else 1
 
 
-Entry = tuple[
-    str,
-    str,
-    str,
-    str,
-    Callable[[argparse.ArgumentParser], None],
-    Callable[[argparse.Namespace], int],
-]
-ENTRY: Entry = (
+COMMAND = Command(
     "collect",
     "demonstrations of a task by the hundred",
     TEXT,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
+from deploy.commands import Command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -236,15 +237,7 @@ def _tell(source: "Source", out: Path, form: str) -> None:
     print(out)
 
 
-Entry = tuple[
-    str,
-    str,
-    str,
-    str,
-    Callable[[argparse.ArgumentParser], None],
-    Callable[[argparse.Namespace], int],
-]
-ENTRY: Entry = (
+COMMAND = Command(
     "dataset",
     "demonstrations for lerobot or robomimic",
     TEXT,

@@ -12,6 +12,7 @@ from common.bus.linknames import LinkName, alias_help, parse_name
 from common.bus.links import checked_spec
 from common.bus.linkspec import PRESETS, LinkSpec
 from common.errors import ConfigError
+from deploy.commands import Command
 from deploy.errors import DeployError
 from deploy.system import bus_of
 
@@ -242,7 +243,7 @@ def _complain(errors: tuple[str, ...]) -> int:
     return int(bool(errors))
 
 
-ENTRY = (
+COMMAND = Command(
     "latency",
     "inject latency, jitter and loss",
     TEXT,

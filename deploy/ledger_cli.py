@@ -9,6 +9,7 @@ from math import inf
 from pathlib import Path
 
 from common.errors import ConfigError
+from deploy.commands import Command
 from deploy.system import LOG_FILE
 from services.logger.reader import LogReader
 
@@ -114,7 +115,7 @@ def _progress(path: Path) -> Iterator[Callable[[int], None]]:
         yield lambda ns: bar.update(task, description=f"reading {path}: {1e-9 * ns:.0f} s")
 
 
-ENTRY = (
+COMMAND = Command(
     "ledger",
     "where the time of every message went",
     TEXT,

@@ -12,6 +12,7 @@ from common.bus.config import BusConfig, bus_config, read_config_file, split_lis
 from common.errors import TrillError
 from common.schemas import EpisodeAction
 from deploy import ledger_cli
+from deploy.commands import Command
 from deploy.system import LOG_FILE, RUNS, new_run_dir
 from services.logger.__main__ import add_recording_options, settings_of
 from services.logger.reader import LogReader
@@ -201,18 +202,8 @@ def _bar(name: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, size: bar.update(task, completed=done, total=size)
 
 
-Entry = tuple[
-    str,
-    str,
-    str,
-    str,
-    Callable[[argparse.ArgumentParser], None],
-    Callable[[argparse.Namespace], int],
-]
-"""Name, one line, text, examples, what adds its arguments, what runs it."""
-
-ENTRIES: tuple[Entry, ...] = (
-    (
+COMMANDS = (
+    Command(
         "record",
         "only record a running system",
         RECORD,
@@ -220,7 +211,9 @@ ENTRIES: tuple[Entry, ...] = (
         _record_arguments,
         _record,
     ),
-    ("info", "what is in a log", INFO, INFO_EXAMPLES, _info_arguments, _info),
-    ("repair", "make a broken log whole", REPAIR, REPAIR_EXAMPLES, _repair_arguments, _repair),
-    ("mark", "start or end of an episode", MARK, MARK_EXAMPLES, _mark_arguments, _mark),
+    Command("info", "what is in a log", INFO, INFO_EXAMPLES, _info_arguments, _info),
+    Command(
+        "repair", "make a broken log whole", REPAIR, REPAIR_EXAMPLES, _repair_arguments, _repair
+    ),
+    Command("mark", "start or end of an episode", MARK, MARK_EXAMPLES, _mark_arguments, _mark),
 )

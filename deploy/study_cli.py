@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy import study_human
+from deploy.commands import Command
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -217,12 +218,4 @@ def _report(store: "Store") -> int:
     return 0
 
 
-Entry = tuple[
-    str,
-    str,
-    str,
-    str,
-    Callable[[argparse.ArgumentParser], None],
-    Callable[[argparse.Namespace], int],
-]
-ENTRY: Entry = ("study", "what latency does to an operator", TEXT, EXAMPLES, add_arguments, run)
+COMMAND = Command("study", "what latency does to an operator", TEXT, EXAMPLES, add_arguments, run)

@@ -2,11 +2,11 @@
 
 import argparse
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 from common.errors import ConfigError
 from deploy import latency_cli
+from deploy.commands import Command
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import SystemOptions
@@ -180,16 +180,8 @@ def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, vide
     return 1
 
 
-Entry = tuple[
-    str,
-    str,
-    str,
-    str,
-    Callable[[argparse.ArgumentParser], None],
-    Callable[[argparse.Namespace], int],
-]
-ENTRIES: tuple[Entry, ...] = (
-    (
+COMMANDS = (
+    Command(
         "demo",
         "the whole system by a script, or at a task",
         DEMO,
@@ -197,6 +189,8 @@ ENTRIES: tuple[Entry, ...] = (
         _demo_arguments,
         _demo,
     ),
-    ("drive", "the whole system on your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive),
-    ("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
+    Command(
+        "drive", "the whole system on your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive
+    ),
+    Command("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
 )

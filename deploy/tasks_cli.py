@@ -1,10 +1,10 @@
 """The subcommand ``trill tasks``: what can be asked of the robot, and how it is scored."""
 
 import argparse
-from collections.abc import Callable
 from pathlib import Path
 
 from common.errors import ConfigError
+from deploy.commands import Command
 from deploy.errors import DeployError
 
 TEXT = """Show the scored tasks: what is to be done, in what time, and when it is a success. With
@@ -55,12 +55,4 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-Entry = tuple[
-    str,
-    str,
-    str,
-    str,
-    Callable[[argparse.ArgumentParser], None],
-    Callable[[argparse.Namespace], int],
-]
-ENTRY: Entry = ("tasks", "the scored tasks", TEXT, EXAMPLES, add_arguments, run)
+COMMAND = Command("tasks", "the scored tasks", TEXT, EXAMPLES, add_arguments, run)
