@@ -15,7 +15,8 @@ from deploy.film import Film, gather
 from deploy.launch import Ended, Verdict
 from deploy.run_summary import RunSummary, ServiceTiming
 from deploy.scoring import commanded_motions
-from deploy.summary import LogFindings, summarise
+from deploy.summary import summarise
+from deploy.summary_readers import LogFindings
 from deploy.system import LOG_FILE, versions
 from deploy.task_summary import trial_lines
 from services.logger.reader import LogReader

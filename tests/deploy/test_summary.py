@@ -8,7 +8,8 @@ from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE
 from deploy.run_summary import RunSummary
 from deploy.scoring import Pose2, commanded_motions
-from deploy.summary import LogFindings, spread, summarise
+from deploy.summary import summarise
+from deploy.summary_readers import LogFindings, spread
 from services.wbc.config import GaitConfig
 from tests.deploy.synthetic import MS, Life
 
