@@ -74,6 +74,7 @@ def digest(root: str) -> str:
     return total.hexdigest()
 
 
+@cache
 def revision() -> str:
     """Git's name of what is checked out, ``-dirty`` if changed since; empty: no clone of ours."""
     try:

@@ -115,11 +115,6 @@ class _Worker:
         return len(self._futures)
 
     @property
-    def gone(self) -> bool:
-        """Whether its process has ended."""
-        return self._process is not None and not self._process.is_alive()
-
-    @property
     def pid(self) -> int:
         """Of its process; 0: not begun."""
         return (self._process.pid or 0) if self._process is not None else 0
@@ -194,8 +189,6 @@ class Workers:
     def submit(self, work: Callable[..., T], *arguments: object) -> "Future[T]":
         """Have a function of a module called with ``arguments``."""
         place = min(range(self.size), key=lambda i: self._workers[i].pending)
-        if self._workers[place].gone:
-            self._replace(place)
         try:
             return self._workers[place].submit(work, arguments)
         except BrokenProcessPool:
