@@ -3,10 +3,8 @@
 import numpy as np
 
 from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Pose, Sight, hand_pose
+from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
 
-INWARD = 0.52
-"""Both hands are turned inward by 30 degrees to meet before the body [rad]."""
 OFF = 0.06
 """The cap is off when it is seen this far above its seat [m]."""
 CAN_HEIGHT = 0.15
@@ -41,7 +39,9 @@ def off(sight: Sight) -> bool:
 
 def grasp(person: Person, side: str, thing: str, height: float) -> Act:
     """Open hand before the thing, around it, close."""
-    yaw = (-INWARD if side == "left" else INWARD) + person.vary(0.0, 0.04)
+    # Both hands are turned inward to meet before the body, the one that reaches across more.
+    aside = float(person.sight.in_body(person.sight.thing(thing)).position[1])
+    yaw = easy_yaw(side, aside) + person.vary(0.0, 0.04)
     before = person.vary(0.10, 0.006)
 
     def at(sight: Sight, ahead: float) -> Pose:
