@@ -26,8 +26,8 @@ class DemoOptions:
         system: the robot's side.
         script: what the operator plays: a built-in name or a JSON file; None: the task, if the
             system has one (by the synthetic operator), else the demonstration.
-        seconds: end well this long after the controller was first heard, wherever the script is;
-            None: play it to its end.
+        seconds: end this long after the controller was first heard, wherever the script is, and
+            well; a task without a verdict by then has timed out. None: to the end.
         timeout: the script has failed if it is not done by then [s].
         base_port: take this block of ports instead of a free one.
         live: force (or forbid) the live table; None decides by the terminal.

@@ -27,7 +27,7 @@ from common.schemas import (
     TaskStatus,
 )
 from common.topics import PLANT_TRUTH, Topic
-from deploy.new_trials import SOURCE as NOBODYS
+from deploy.new_trials import was_nobodys
 
 RATE = 12.5
 """Ground truth is thinned to this [Hz], so that hours of it fit in memory."""
@@ -74,8 +74,8 @@ class Film:
 
     ``left`` and ``right`` hold (index, picture) of the robot's eyes, ``scenes`` where the scene's
     things were at each ground truth, ``news`` (index, status) of the task when it had changed,
-    ``script`` what the operator said it was playing last, ``idle`` the trials (by number of resets)
-    that ran before an operator came.
+    ``script`` what the operator said it was playing last, ``idle`` the trials (as of
+    :func:`trial_of`) that ran before an operator came.
     """
 
     truth: list[PlantState] = field(default_factory=list)
@@ -87,7 +87,7 @@ class Film:
     scenes: list[SceneState | None] = field(default_factory=list)
     news: list[tuple[int, TaskStatus]] = field(default_factory=list)
     script: str = ""
-    idle: set[int] = field(default_factory=set)
+    idle: set[tuple[int, int]] = field(default_factory=set)
 
     @property
     def scene(self) -> str:
@@ -124,6 +124,11 @@ class Film:
             Section(start, max(start, following - 1), label)
             for (start, label), (following, _) in pairwise(starts)
         ]
+
+
+def trial_of(status: TaskStatus) -> tuple[int, int]:
+    """Which trial is meant: a life of the plant, and its resets."""
+    return status.header.boot, status.reset_count
 
 
 def gather(messages: Iterable[tuple[Topic[Any], Message]]) -> Film:
@@ -164,19 +169,19 @@ def _take(film: Film, started: dict[int, int], now: int, message: Message) -> No
         reel.append((now, message))
         if len(reel) > MOST_PICTURES:
             del reel[1::2]
-    elif isinstance(message, TaskStatus) and message.reset_count not in film.idle:
+    elif isinstance(message, TaskStatus) and trial_of(message) not in film.idle:
         if not film.news or _standing(film.news[-1][1]) != _standing(message):
             film.news.append((now, message))
-    elif isinstance(message, PlantRequest) and message.header.source == NOBODYS and film.task:
-        film.idle.add(film.task.reset_count)
-        film.news = [(at, news) for at, news in film.news if news.reset_count not in film.idle]
+    elif isinstance(message, PlantRequest) and film.task and was_nobodys(message, film.task):
+        film.idle.add(trial_of(film.task))
+        film.news = [(at, news) for at, news in film.news if trial_of(news) not in film.idle]
 
 
 def _standing(status: TaskStatus) -> tuple[object, ...]:
     """What is news when it changes."""
     done = tuple(stage.done for stage in status.stages)
     return (
-        *(status.task, status.seed, status.reset_count, status.time > 0.0, done),
+        *(status.task, status.seed, trial_of(status), status.time > 0.0, done),
         *(len(status.undesired), status.verdict),
     )
 

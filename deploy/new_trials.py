@@ -7,16 +7,24 @@ from typing import Any, Final
 
 from common.bus.publisher import Publisher
 from common.bus.session import new_boot_id
-from common.schemas import PlantAction, PlantRequest, TaskVerdict
+from common.schemas import PlantAction, PlantRequest, TaskStatus, TaskVerdict
 from common.topics import PLANT_REQUEST
 from deploy.board import View
 
 SOURCE: Final = "up"
-"""Of the resets; what is reset by it was nobody's trial."""
+"""Of the resets; see :func:`was_nobodys`."""
 OPERATORS: Final = frozenset({"teleop", "keyboard", "policy", "bridge"})
 """Services that operate the robot."""
 SOON: Final = 1.0
 """An operator that comes earlier in the trial is in time [s]."""
+
+
+def was_nobodys(request: PlantRequest, trial: TaskStatus) -> bool:
+    """Whether ``request`` ends a ``trial`` that passed before the first operator came.
+
+    The first operator is given its seed once more; the trial before a further one was somebody's.
+    """
+    return request.header.source == SOURCE and request.seed == trial.seed
 
 
 class NewTrials:

@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pydantic import ValidationError
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from common.bus.keys import topic_of
@@ -49,7 +48,7 @@ def known_verdict(run_dir: Path) -> tuple[Verdict, dict[str, str]]:
     path = run_dir / SUMMARY_FILE
     try:
         known = RunSummary.model_validate_json(path.read_text(encoding="utf-8"))
-    except (OSError, ValidationError):
+    except (OSError, ValueError):
         return Verdict("unknown", "nothing but the log is left"), {}
     return Verdict(known.outcome, known.reason), known.environment
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from common.schemas import TaskStatus, TaskVerdict
-from deploy.film import Film, Moment
+from deploy.film import Film, Moment, trial_of
 
 START = "start"
 
@@ -47,7 +47,7 @@ def _events(film: Film) -> Iterator[tuple[int, str]]:
     """What happened in all trials of the film, in the order of time."""
     before: TaskStatus | None = None
     for index, status in film.news:
-        if before is not None and before.reset_count != status.reset_count:
+        if before is not None and trial_of(before) != trial_of(status):
             before = None
         if status.time > 0.0 and (before is None or before.time == 0.0):
             yield index, START

@@ -106,7 +106,9 @@ def task_sheet(
         tiles.append(caption(image, f"{trial_seconds(film, moment.index):5.1f} s  {moment.label}"))
         progress(len(tiles), len(chosen))
     # Those of the second halves: at the start the eye sees what the first picture shows.
-    last = np.linspace(1, len(chosen) - 1, COLUMNS).round().astype(int).tolist()
+    last = (
+        np.linspace(min(1, len(chosen) - 1), len(chosen) - 1, COLUMNS).round().astype(int).tolist()
+    )
     for index in dict.fromkeys(chosen[number].index for number in last):
         picture = eye(index)
         if picture is not None:

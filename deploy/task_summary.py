@@ -1,7 +1,7 @@
 """What became of a run's scored task: trial by trial, from the plant's own judge. Pure."""
 
 from common.schemas import OperatorStatus, PlantRequest, TaskStatus
-from deploy.new_trials import SOURCE as NOBODYS
+from deploy.new_trials import was_nobodys
 from deploy.run_summary import ContactTally, StageTally, TaskTrial
 
 
@@ -24,8 +24,8 @@ class TaskReader:
 
     def request(self, message: PlantRequest) -> None:
         """Take in what was asked of the plant: a trial before the operator came is nobody's."""
-        if message.header.source == NOBODYS and self._trials:
-            self._trials[-1].idle = True
+        if self._trials:
+            self._trials[-1].asked(message)
 
     def tally(self) -> list[TaskTrial]:
         """Trials in the order of time; of those that never began only the last."""
@@ -57,6 +57,10 @@ class _Trial:
         for stage in message.stages:
             if stage.done:
                 self._done.setdefault(stage.name, message.time)
+
+    def asked(self, request: PlantRequest) -> None:
+        if self._last is not None and was_nobodys(request, self._last):
+            self.idle = True
 
     def tally(self) -> TaskTrial:
         last = self._last

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 from common.bus.linknames import OPERATORS
 from common.schemas import (
+    PlantRequest,
     PlantState,
     Setpoint,
     StepJournal,
@@ -12,6 +13,7 @@ from common.schemas import (
     TaskVerdict,
 )
 from common.topics import CAMERA_LEFT, JOURNAL, PLANT_STATE, TASK_STATUS, TELEOP_SETPOINT
+from deploy.new_trials import was_nobodys
 from services.logger.reader import LogReader
 from studies.latency.conditions import COMMAND_INPUT, Condition
 from studies.latency.errors import LatencyStudyError
@@ -25,8 +27,9 @@ _SEEN = (CAMERA_LEFT.name, PLANT_STATE.name)
 
 @dataclass
 class _Trial:
-    """One life of the plant between resets."""
+    """One life of the plant between resets; ``idle``: it passed before an operator came."""
 
+    idle: bool = False
     latencies: Latencies = field(default_factory=Latencies)
     motion: Motion = field(default_factory=Motion)
     status: TaskStatus | None = None
@@ -35,6 +38,13 @@ class _Trial:
     def over(self) -> bool:
         return self.status is not None and self.status.verdict is not TaskVerdict.RUNNING
 
+    def goes_on_with(self, status: TaskStatus) -> bool:
+        """Whether it is of the same trial: neither reset meanwhile nor started anew."""
+        last = self.status
+        return last is None or (
+            (last.header.boot, last.reset_count) == (status.header.boot, status.reset_count)
+        )
+
 
 def trials_of(
     log: LogReader,
@@ -42,7 +52,7 @@ def trials_of(
     condition: Condition,
     progress: Callable[[], None] = lambda: None,
 ) -> list[TrialRow]:
-    """Every trial of a log on which the judge has spoken.
+    """Every trial of a log on which the judge has spoken, but those before an operator came.
 
     Args:
         log: to read through.
@@ -55,16 +65,16 @@ def trials_of(
         LatencyStudyError: no trial in it came to its end.
     """
     trials: list[_Trial] = [_Trial()]
-    resets = 0
     for topic, message in log.messages():
         progress()
         now = trials[-1]
         if isinstance(message, TaskStatus):
-            if message.reset_count != resets:
-                resets = message.reset_count
+            if not now.goes_on_with(message):
                 trials.append(now := _Trial())
             if not now.over:
                 now.status = message
+        elif isinstance(message, PlantRequest):
+            now.idle |= now.status is not None and was_nobodys(message, now.status)
         elif now.over:
             # What comes after the verdict is no part of the trial.
             continue
@@ -74,7 +84,9 @@ def trials_of(
             now.motion.told(message)
         elif isinstance(message, PlantState) and topic is PLANT_STATE:
             now.motion.measured(message)
-    rows = [_row(trial, participant, condition) for trial in trials if trial.over]
+    rows = [
+        _row(trial, participant, condition) for trial in trials if trial.over and not trial.idle
+    ]
     if not rows:
         raise LatencyStudyError(
             f"{log.path}: expected a trial that came to its end, got no verdict in "

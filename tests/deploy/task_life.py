@@ -96,7 +96,7 @@ def health(life: Life, service: str, boot: int) -> ServiceHealth:
     return message.model_copy(update={"header": header})
 
 
-def reset_by(life: Life, source: str) -> Pair:
+def reset_by(life: Life, source: str, seed: int = -1) -> Pair:
     """Somebody asks for a reset."""
     header = life.header(PLANT_REQUEST, source)
-    return PLANT_REQUEST, PlantRequest(header=header, action=PlantAction.RESET)
+    return PLANT_REQUEST, PlantRequest(header=header, action=PlantAction.RESET, seed=seed)

@@ -70,6 +70,13 @@ def test_without_cameras_there_is_no_row_of_the_eye(film: Film) -> None:
     assert headline(blind, blind.task) == "door/unlock  seed 7  SUCCESS after 6.1 s"
 
 
+def test_a_run_cut_off_at_once_has_a_sheet_too(film: Film) -> None:
+    news, left = [(0, film.news[0][1])], [(0, film.left[0][1])]
+    short = Film(truth=film.truth[:1], scenes=film.scenes[:1], news=news, left=left)
+    sheet = task_sheet(short, "cut off", recorded_eye(short), quiet)
+    assert TILE[1] < sheet.shape[0] < 2 * TILE[1] + 60
+
+
 def test_the_video_shows_the_scene_too(film: Film, tmp_path: Path) -> None:
     short = Film(truth=film.truth[:3], scenes=film.scenes[:3], news=film.news)
     write_video(tmp_path / "v.mp4", short, quiet)

@@ -282,9 +282,26 @@ def test_what_passed_before_the_operator_came_is_nobodys_trial() -> None:
     idle = [*stand(life, 6), status(life), *stand(life, 5), status(life, 0, FAILURE)]
     after = [status(life, 0, FAILURE), *stand(life, 5), status(life, 0, resets=1, time=0.0)]
     done = status(life, 3, SUCCESS, resets=1)
-    for source, verdicts in (("up", ["success"]), ("keyboard", ["failure", "success"])):
-        pairs = [*idle, reset_by(life, source), *after, done]
+    for source, seed, verdicts in (
+        ("up", 7, ["success"]),
+        # A further operator's: the trial before was that of another.
+        ("up", 8, ["failure", "success"]),
+        ("keyboard", 7, ["failure", "success"]),
+    ):
+        pairs = [*idle, reset_by(life, source, seed), *after, done]
         assert [trial.verdict for trial in summarise(pairs).trials] == verdicts
         labels = " ".join(moment.label for moment in task_moments(gather(pairs), 0))
-        assert ("FAILURE" in labels) == (source == "keyboard")
+        assert ("FAILURE" in labels) == ("failure" in verdicts)
         assert "SUCCESS" in labels
+
+
+def test_a_plant_started_anew_has_trials_of_its_own() -> None:
+    life = Life()
+    idle = [*stand(life, 6), status(life), *stand(life, 5), status(life, 1, FAILURE)]
+    topic, again = status(life, 3, SUCCESS)
+    header = again.header.model_copy(update={"boot": again.header.boot + 1})
+    anew = (topic, again.model_copy(update={"header": header}))
+    pairs = [*idle, reset_by(life, "up", 7), *stand(life, 5), anew]
+    assert [trial.verdict for trial in summarise(pairs).trials] == ["success"]
+    labels = [moment.label for moment in task_moments(gather(pairs), 0)]
+    assert labels == ["start; lever pressed; door ajar; door unlocked; SUCCESS"]

@@ -7,8 +7,17 @@ from typing import Any
 import pytest
 
 from common.bus.wire import wire_header
-from common.schemas import Message, TaskStage, TaskStatus, TaskVerdict, UndesiredContact
-from common.topics import TASK_STATUS, Topic
+from common.schemas import (
+    Header,
+    Message,
+    PlantAction,
+    PlantRequest,
+    TaskStage,
+    TaskStatus,
+    TaskVerdict,
+    UndesiredContact,
+)
+from common.topics import PLANT_REQUEST, TASK_STATUS, Topic
 from deploy.cli import main
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
@@ -126,19 +135,22 @@ def test_a_persons_log_is_taken_in_once(
 
 
 class Told(LogReader):
-    """A log of a judge's words alone."""
+    """A log of a judge's words alone, and of what was asked of the plant."""
 
-    def __init__(self, *statuses: TaskStatus) -> None:
+    def __init__(self, *said: TaskStatus | PlantRequest) -> None:
         super().__init__(Path("told.mcap"))
-        self._statuses = statuses
+        self._said = said
 
     def messages(self) -> Iterator[tuple[Topic[Any], Message]]:
-        for status in self._statuses:
-            yield TASK_STATUS, status
+        for message in self._said:
+            yield TASK_STATUS if isinstance(message, TaskStatus) else PLANT_REQUEST, message
 
 
-def word(resets: int, verdict: TaskVerdict, time: float, *, goal: bool = False) -> TaskStatus:
+def word(
+    resets: int, verdict: TaskVerdict, time: float, *, goal: bool = False, boot: int = 1
+) -> TaskStatus:
     return TaskStatus(
+        header=Header(source="sim", boot=boot),
         task=UNLOCK,
         seed=5 + resets,
         time=time,
@@ -167,6 +179,33 @@ def test_every_trial_of_a_log_that_came_to_its_end_counts() -> None:
     assert first.command.mean is None
     with pytest.raises(LatencyStudyError, match="no verdict"):
         trials_of(Told(word(0, TaskVerdict.RUNNING, 1.0)), "P01", standard("command")[1])
+
+
+def test_a_plant_that_is_started_anew_begins_a_trial() -> None:
+    log = Told(
+        word(0, TaskVerdict.FAILURE, 20.0),
+        word(0, TaskVerdict.RUNNING, 1.0, boot=2),
+        word(0, TaskVerdict.SUCCESS, 8.0, goal=True, boot=2),
+    )
+    rows = trials_of(log, "P01", standard("command")[1])
+    assert [(row.verdict, row.time) for row in rows] == [("failure", 20.0), ("success", 8.0)]
+
+
+def test_what_passed_before_the_person_came_is_not_theirs() -> None:
+    def new_trial(seed: int) -> PlantRequest:
+        return PlantRequest(header=Header(source="up"), action=PlantAction.RESET, seed=seed)
+
+    log = Told(
+        word(0, TaskVerdict.FAILURE, 20.0),
+        new_trial(5),
+        word(0, TaskVerdict.FAILURE, 20.0),
+        word(1, TaskVerdict.SUCCESS, 8.0, goal=True),
+        # Who comes again is given the next seed, and the trial before was theirs.
+        new_trial(7),
+        word(2, TaskVerdict.PARTIAL, 9.0, goal=True),
+    )
+    rows = trials_of(log, "P01", standard("command")[1])
+    assert [row.verdict for row in rows] == ["success", "partial"]
 
 
 def test_a_log_that_is_none_is_told(tmp_path: Path) -> None:
