@@ -96,11 +96,17 @@ def _trial_options(run: argparse.ArgumentParser) -> None:
         metavar="NAME=SPEC",
         help=HELP,
     )
-    run.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
+    paces = ["fast", "normal", "slow", "public"]
+    run.add_argument("--pace", choices=paces, default="", help="of the gaits")
     run.add_argument("--torque-mode", choices=["relaxed", "rated"], default="relaxed")
     run.add_argument("--raw-hands", action="store_true", help="no interpolation of the hands")
     run.add_argument(
-        "--physics-steps", type=int, default=1, help="per step of the plant's service; more: faster"
+        "--physics-steps",
+        type=int,
+        choices=range(1, 11),
+        metavar="N",
+        default=1,
+        help="per step of the plant's service, 1 to 10; more: faster",
     )
 
 
@@ -197,7 +203,7 @@ def main(argv: list[str] | None = None) -> int:
         return run(arguments)
     except TrillError as error:
         print(f"studies.tasks: {error}", file=sys.stderr)
-        return 2
+        return 2 if isinstance(error, ConfigError) else 1
     except KeyboardInterrupt:
         print("studies.tasks: ended; with --out, what is done is kept", file=sys.stderr)
         return 130

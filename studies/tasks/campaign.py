@@ -20,6 +20,8 @@ _TICK = 0.5
 """News of the workers are looked at this often [s]."""
 _SOURCE = "studies.tasks.stack"
 """All that decides what a trial comes to is imported from here."""
+_BEGINNING = b'{"operator": "synthetic", "code": '
+"""Of every line."""
 _RESULT = TypeAdapter(TrialResult)
 
 Done = Callable[[TrialResult], None]
@@ -42,7 +44,7 @@ class Kept:
         """Read what is there; a torn last line, left by a kill, is dropped.
 
         Raises:
-            ConfigError: it is no such file.
+            ConfigError: it is no such file; it is left as it is.
         """
         self.path = path
         self.results: dict[str, TrialResult] = {}
@@ -50,13 +52,20 @@ class Kept:
         self._code = digest(_SOURCE)
         if path is None:
             return
-        path.parent.mkdir(parents=True, exist_ok=True)
-        text = path.read_text(encoding="utf-8") if path.exists() else ""
-        whole, _, torn = text.rpartition("\n")
-        for number, one in enumerate(whole.splitlines(), start=1):
-            self._read(one, f"{path}, line {number}")
-        if torn:
-            os.truncate(path, path.stat().st_size - len(torn.encode()))
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            content = path.read_bytes() if path.exists() else b""
+            whole, _, torn = content.rpartition(b"\n")
+            lines = whole.decode(errors="replace").splitlines()
+            for number, one in enumerate(lines, start=1):
+                self._read(one, f"{path}, line {number}")
+            if not torn.startswith(_BEGINNING[: len(torn)]):
+                # Not ours: to take it for torn would destroy it.
+                self._read(torn.decode(errors="replace"), f"{path}, last line")
+            if torn:
+                os.truncate(path, len(content) - len(torn))
+        except OSError as error:
+            raise ConfigError(f"--out: cannot use {path}: {error.strerror}") from error
 
     def _read(self, text: str, where: str) -> None:
         try:
@@ -80,7 +89,11 @@ class Kept:
         return self.results.get(_key(_plain(spec)))
 
     def add(self, spec: TrialSpec, result: TrialResult) -> None:
-        """Keep a trial; on the disk when this returns."""
+        """Keep a trial; on the disk when this returns.
+
+        Raises:
+            TrillError: it cannot be written.
+        """
         self.results[_key(_plain(spec))] = result
         if self.path is None:
             return
@@ -90,10 +103,16 @@ class Kept:
             "spec": _plain(spec),
             "result": asdict(result),
         }
-        with self.path.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(entry) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
+        try:
+            with self.path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(entry) + "\n")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise TrillError(
+                f"cannot write {self.path}: {error.strerror}; what was there is kept: mend it and "
+                "give the same command again"
+            ) from error
 
 
 def _plain(spec: TrialSpec) -> dict[str, Any]:

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigError
+from common.errors import ConfigError, TrillError
 from studies.tasks import campaign
+from studies.tasks.__main__ import main
 from studies.tasks.campaign import Kept, run_campaign
 from studies.tasks.stack import TrialResult, TrialSpec
 
@@ -74,6 +75,53 @@ def test_a_file_of_something_else_is_refused(tmp_path: Path) -> None:
     path.write_text(json.dumps({"seed": 3}) + "\n")
     with pytest.raises(ConfigError, match=r"line 1: expected a trial written by this command"):
         Kept(path)
+
+
+@pytest.mark.parametrize("content", [b'{"precious": 1}', b"precious", b"\xff\xfe\n", b"\xff"])
+def test_a_file_that_is_not_ours_stays_as_it_is(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "notes.txt"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match="expected a trial written by this command"):
+        Kept(path)
+    assert path.read_bytes() == content
+
+
+def test_a_line_torn_anywhere_is_ours(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    Kept(path).add(SPEC, result(3))
+    whole = path.read_bytes()
+    for length in (1, 20, 60, len(whole) - 1):
+        path.write_bytes(whole + whole[:length])
+        assert Kept(path).of(SPEC) == result(3)
+        assert path.read_bytes() == whole
+
+
+def test_where_nothing_can_be_kept_is_told(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="--out: cannot use"):
+        Kept(tmp_path)
+    kept = Kept(tmp_path / "trials.jsonl")
+    (tmp_path / "trials.jsonl").mkdir()
+    with pytest.raises(TrillError, match="give the same command again"):
+        kept.add(SPEC, result(3))
+
+
+@pytest.mark.parametrize("wrong", [["--pace", "brisk"], ["--physics-steps", "0"]])
+def test_wrong_options_begin_no_worker(wrong: list[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["run", "door/unlock", "--seeds", "0", *wrong])
+    assert stop.value.code == 2
+
+
+def test_trouble_is_no_wrong_option(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def lost(*_: object) -> None:
+        raise TrillError("the worker was lost")
+
+    monkeypatch.setattr("studies.tasks.__main__.run_campaign", lost)
+    assert main(["run", "door/unlock", "--seeds", "0"]) == 1
+    assert "the worker was lost" in capsys.readouterr().err
+    assert main(["run", "door/unlock", "--out", str(tmp_path)]) == 2
 
 
 def test_a_campaign_runs_what_is_missing(tmp_path: Path) -> None:
