@@ -30,9 +30,8 @@ EXAMPLES = """examples:
 """
 LATENCY = """The synthetic operator does two manipulation tasks under four conditions, with the same
 seeds in each: raw input (hand set-points go to the controller as they come), interpolation (the
-final set-up), and this with 250 and 500 ms of injected control latency. Simulated time; each trial
-is run as often as its condition asks, never twice. What was really injected is measured where the
-messages were used.
+final set-up), and this with 250 and 500 ms of injected control latency. In simulated time; each
+trial is run once. What was really injected is measured where the messages were used.
 
 Every trial that has ended is kept, whenever the study is stopped or killed: the same command goes
 on, and more --episodes add seeds. Tasks, conditions and the system's source must be the same.
@@ -71,6 +70,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study that was asked for; 0, 1, or an exception of this project."""
+    _check_installed()
     study: Callable[[argparse.Namespace], int] = arguments.study
     return study(arguments)
 
@@ -124,41 +124,46 @@ def _positive(text: str) -> int:
 
 def _check_installed() -> None:
     try:
-        import matplotlib
         import mujoco
         import pinocchio
     except ImportError as error:
         raise ConfigError(
             f"trill study needs the package {error.name}: pip install 'trill[study]'"
         ) from error
-    del matplotlib, mujoco, pinocchio
+    del mujoco, pinocchio
 
 
 def _plan(arguments: argparse.Namespace) -> "Plan":
+    from services.sim.errors import TaskError
     from services.teleop.synthetic.traits import TRAITS
     from studies.latency.conditions import chosen
     from studies.latency.plan import DEFAULT_TASKS, Plan
 
     if arguments.traits not in TRAITS:
         raise ConfigError(f"--traits: expected {' or '.join(TRAITS)}, got {arguments.traits!r}")
-    return Plan.checked(
-        {
-            "tasks": tuple(arguments.tasks or DEFAULT_TASKS),
-            "conditions": chosen(arguments.condition, arguments.direction),
-            "first_seed": arguments.seed,
-            "traits": TRAITS[arguments.traits],
-            "torque_mode": arguments.torque_mode,
-            "pace": arguments.pace,
-            "physics_steps": arguments.physics_steps,
-        }
-    )
+    values = {
+        "tasks": tuple(arguments.tasks or DEFAULT_TASKS),
+        "conditions": chosen(arguments.condition, arguments.direction),
+        "first_seed": arguments.seed,
+        "traits": TRAITS[arguments.traits],
+        "torque_mode": arguments.torque_mode,
+        "pace": arguments.pace,
+        "physics_steps": arguments.physics_steps,
+    }
+    try:
+        return Plan.checked(values)
+    except TaskError as error:
+        raise ConfigError(f"--tasks: {error}") from error
 
 
 def _latency(arguments: argparse.Namespace) -> int:
-    _check_installed()
     from rich.console import Console
 
+    from studies.latency.figure import pyplot
     from studies.latency.store import Store
+
+    # Before hours of trials, not after.
+    pyplot()
 
     console = Console(stderr=True)
     if arguments.report is not None:

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 
 ADD = """Take in the trials of a person from a recorded log: verdict, time and contacts as the same
 judge saw them, latencies as the services measured them, and how the hands moved. Every trial of the
-log whose verdict was reached counts, whatever it was; all of them were done under one condition. A
-trial is taken in once: participant, task, condition and seed tell it. Then write the report anew:
-trill study latency --report DIR."""
+log whose verdict was reached counts, whatever it was, but what passed before the operator came; all
+of them were done under one condition. A trial is taken in once: participant, task, condition and
+seed tell it. Then write the report anew: trill study latency --report DIR."""
 ADD_EXAMPLES = """examples:
   trill up --task door/unlock --seed 3 --latency command=250ms          in one terminal
   python -m services.teleop keyboard                                    in another, or a headset
@@ -156,7 +156,7 @@ def _sheet(arguments: argparse.Namespace, answers: dict[str, Any]) -> "AnswerShe
         # Through JSON, as a file of answers comes: lists are tuples there.
         return AnswerSheet.model_validate_json(json.dumps(values | answers))
     except ValidationError as error:
-        raise ConfigError(f"the answers are wrong, nothing written:\n{explain(error)}") from error
+        raise ConfigError(f"a value is wrong, nothing written:\n{explain(error)}") from error
 
 
 def _from_file(arguments: argparse.Namespace) -> "AnswerSheet":

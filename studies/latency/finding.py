@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import fmean
 
 from studies.latency.conditions import Condition
 from studies.latency.plan import Plan
@@ -93,7 +94,8 @@ def _costs(task: str, with_it: list[TrialRow], raw: list[TrialRow]) -> Check:
     if found is None or found.interval is None or found.pairs < FEWEST_PAIRS:
         return Check(task, head + _few(found), None)
     low, high = found.interval
-    usual = sum(row.charged for row in raw) / len(raw)
+    seeds = {row.seed for row in with_it if row.verdict != "error"}
+    usual = fmean(r.charged for r in raw if r.seed in seeds and r.verdict != "error")
     text = (
         f"{found.mean:+.2f} s [{low:+.2f}, {high:+.2f}], "
         f"{100 * found.mean / usual:+.1f} % of {usual:.1f} s"

@@ -65,9 +65,15 @@ class Store:
 
         Raises:
             ConfigError: it was begun with other settings.
-            LatencyStudyError: somebody else runs trials here.
+            LatencyStudyError: somebody else runs trials here, or it is no place to write.
         """
-        self.root.mkdir(parents=True, exist_ok=True)
+        try:
+            self.root.mkdir(parents=True, exist_ok=True)
+            (self.root / _LOCK).touch()
+        except OSError as error:
+            raise LatencyStudyError(
+                f"cannot write in {self.root}: {error.strerror}; choose another --out"
+            ) from error
         # The system lets go of the lock when the process ends, however it ends.
         with (self.root / _LOCK).open("w") as lock:
             try:
@@ -78,11 +84,12 @@ class Store:
                     "another --out"
                 ) from error
             known = self._plan()
-            if known is not None and known != plan:
-                differences = "\n  ".join(known.differences(plan))
+            # Labels are no difference: they are of the figure alone.
+            if known is not None and (differences := known.differences(plan)):
+                told = "\n  ".join(differences)
                 raise ConfigError(
                     f"{self.root} was begun with other settings; go on with the same, or choose "
-                    f"another --out. There | asked for:\n  {differences}"
+                    f"another --out. There | asked for:\n  {told}"
                 )
             if known is None:
                 text = json.dumps(plan.model_dump(mode="json"), indent=1) + "\n"
@@ -106,8 +113,19 @@ class Store:
         return _read(self.root / HUMAN)
 
     def add(self, row: TrialRow) -> None:
-        """Keep a trial, whatever happens after."""
-        _append(self.root / (TRIALS if row.operator == "synthetic" else HUMAN), row)
+        """Keep a trial, whatever happens after.
+
+        Raises:
+            LatencyStudyError: it cannot be written.
+        """
+        path = self.root / (TRIALS if row.operator == "synthetic" else HUMAN)
+        try:
+            _append(path, row)
+        except OSError as error:
+            raise LatencyStudyError(
+                f"cannot write {path}: {error.strerror}; what was there is kept: mend it and give "
+                "the same command again"
+            ) from error
 
     def _plan(self) -> Plan | None:
         path = self.root / PLAN
@@ -115,6 +133,8 @@ class Store:
             return Plan.model_validate_json(path.read_bytes())
         except FileNotFoundError:
             return None
+        except OSError as error:
+            raise LatencyStudyError(f"cannot read {path}: {error.strerror}") from error
         except ValidationError as error:
             raise LatencyStudyError(f"{path}: {explain(error)}") from error
 

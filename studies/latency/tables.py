@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from rich.console import Group, RenderableType
+from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
@@ -67,9 +68,9 @@ def workload_table(plan: Plan, workload: Sequence[Workload]) -> RenderableType:
     """A row a condition of a task: persons' NASA-TLX."""
     table = Table(pad_edge=False, show_edge=False, header_style="bold")
     for name in ("human", "condition"):
-        table.add_column(name)
+        table.add_column(name, overflow="fold")
     for name in ("sheets", "persons", *SCALES, "raw", "weighted"):
-        table.add_column(name, justify="right")
+        table.add_column(name, justify="right", overflow="fold")
     for part in workload:
         table.add_row(
             part.task,
@@ -86,14 +87,14 @@ def workload_table(plan: Plan, workload: Sequence[Workload]) -> RenderableType:
 def summary_table(plan: Plan, cells: Sequence[CellSummary]) -> RenderableType:
     """A row a cell."""
     table = Table(pad_edge=False, show_edge=False, header_style="bold")
-    table.add_column("operator")
-    table.add_column("task")
-    table.add_column("condition")
+    # In a narrow terminal figures are folded, never cut.
+    for name in ("operator", "task", "condition"):
+        table.add_column(name, overflow="fold")
     for name in (
         "n", "success % [95 %]", "partial %", "median s [quartiles]", "mean s [95 %]",
         f"Δ {plan.baseline.name} s [95 %]", "arms rad/s²", "command ms", "feedback ms",
     ):  # fmt: skip
-        table.add_column(name, justify="right")
+        table.add_column(escape(name), justify="right", overflow="fold")
     last = ("", "")
     for cell in cells:
         here = (cell.operator, cell.task)

@@ -30,6 +30,7 @@ from pydantic import (
 
 from common.errors import explain
 from studies.latency.errors import LatencyStudyError
+from studies.latency.store import write_whole
 
 Scale = Literal["mental", "physical", "temporal", "performance", "effort", "frustration"]
 PSEUDONYM = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
@@ -206,10 +207,10 @@ def write_sheet(folder: Path, sheet: AnswerSheet) -> Path:
     text = json.dumps(sheet.model_dump(mode="json"), indent=1, ensure_ascii=False) + "\n"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with path.open("x", encoding="utf-8") as file:
-            file.write(text)
-    except FileExistsError as error:
-        raise LatencyStudyError(f"{path} is there already; a sheet is never replaced") from error
+        if path.exists():
+            raise LatencyStudyError(f"{path} is there already; a sheet is never replaced")
+        # Half a sheet would stop every report from here on.
+        write_whole(path, text)
     except OSError as error:
         raise LatencyStudyError(f"cannot write {path}: {error.strerror}") from error
     return path

@@ -39,6 +39,13 @@ def test_costly_interpolation_is_said() -> None:
     assert "interpolation costs little" in finding.sentence
 
 
+def test_trials_whose_simulation_failed_are_no_slow_raw_input() -> None:
+    trials = rows(AS_PUBLISHED | {"interpolation": 9.0})
+    assert find(PLAN, trials).interpolation[0].held is False
+    errors = [row("raw", seed, 0.0, "error") for seed in range(20, 24)]
+    assert find(PLAN, [*trials, *errors]).interpolation == find(PLAN, trials).interpolation
+
+
 def test_trials_that_do_not_end_count_with_the_limit() -> None:
     trials = [r for r in rows(AS_PUBLISHED) if r.condition != "latency-500"]
     trials += [row("latency-500", seed, 4.0, "failure") for seed in range(6)]

@@ -1,11 +1,14 @@
 import csv
+import io
 import json
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 
 from common.errors import ConfigError
 from deploy.cli import main
@@ -13,7 +16,9 @@ from studies.latency.errors import LatencyStudyError
 from studies.latency.plan import Plan
 from studies.latency.report import write_report
 from studies.latency.row import TrialRow
+from studies.latency.stats import summarise
 from studies.latency.store import SHEETS, Store
+from studies.latency.tables import summary_table
 from studies.latency.tlx import write_sheet
 from tests.latency.support import (
     CONDITIONS,
@@ -143,11 +148,32 @@ def test_reporting_anew_prints_the_table_and_the_conclusion(
     assert "250: 255/260" in said
 
 
+@pytest.mark.parametrize("width", [60, 190])
+def test_no_figure_is_cut_off(width: int) -> None:
+    trials = rows(TIMES)
+    console = Console(width=width, file=io.StringIO(), record=True)
+    console.print(summary_table(PLAN, summarise(trials, list(TIMES), "interpolation")))
+    said = console.export_text()
+    assert "…" not in said
+    if width == 190:
+        assert "median s [quartiles]" in said
+
+
+@pytest.mark.parametrize("words", [["add", "log"], ["tlx", "--task", UNLOCK], ["latency"]])
+def test_without_a_package_it_says_what_to_install_too(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    who = [] if words == ["latency"] else ["--participant", "P01", "--condition", "raw"]
+    assert main(["study", *words, *who]) == 2
+    assert "the package mujoco: pip install 'trill[study]'" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [
         (["--report", "nowhere"], 1, "no study in nowhere"),
-        (["--tasks", "door/fly", "--out", "x"], 1, "door/fly"),
+        (["--tasks", "door/fly", "--out", "x"], 2, "--tasks: unknown task 'door/fly'"),
         (["--condition", "late", "--out", "x"], 2, "standard condition"),
         (["--direction", "up", "--out", "x"], 2, "--direction"),
         (["--physics-steps", "9", "--out", "x"], 2, "physics_steps"),

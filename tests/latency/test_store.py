@@ -107,6 +107,25 @@ def test_other_settings_are_refused(tmp_path: Path, other: object, says: str) ->
     assert (tmp_path / TRIALS).read_bytes() == before
 
 
+def test_a_label_is_no_other_setting(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    study(store, 1, FakeCrew())
+    plain = plan_of(*(c.model_copy(update={"label": ""}) for c in CONDITIONS))
+    assert run_study(plain, store, FakeCrew, episodes=1, jobs=2).resumed == 8
+
+
+def test_where_no_study_can_be_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    store = Store(tmp_path / "file")
+    with pytest.raises(LatencyStudyError, match="choose another --out"):
+        study(store, 1, FakeCrew())
+    with pytest.raises(LatencyStudyError, match="cannot read"):
+        store.plan()
+    (tmp_path / "study" / TRIALS).mkdir(parents=True)
+    with pytest.raises(LatencyStudyError, match="give the same command again"):
+        Store(tmp_path / "study").add(row())
+
+
 def test_only_one_writes(tmp_path: Path) -> None:
     store = Store(tmp_path)
     with store.writing(PLAN), pytest.raises(LatencyStudyError, match="another process"):

@@ -107,6 +107,18 @@ def test_a_sheet_is_kept_as_it_was_and_never_replaced(tmp_path: Path) -> None:
         read_sheets(tmp_path)
 
 
+def test_half_a_sheet_is_not_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(_descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(LatencyStudyError, match="No space left"):
+        write_sheet(tmp_path, sheet())
+    monkeypatch.undo()
+    assert read_sheets(tmp_path) == []
+    assert read_sheets(write_sheet(tmp_path, sheet()).parent) == [sheet()]
+
+
 def test_workload_of_a_condition() -> None:
     easy = sheet(participant="P02", ratings=dict.fromkeys(SCALES, 5))
     (part,) = summarise_sheets([sheet(choices=choices()), easy], [UNLOCK], NAMES)
