@@ -249,6 +249,7 @@ def _check(root: Path, seed: int | None) -> int:
 
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
+    from services.sim.errors import TaskError
     from services.teleop.synthetic.traits import TRAITS
     from studies.collect.recipe import Recipe
     from studies.tasks.links import chosen_links
@@ -262,7 +263,10 @@ def _recipe(arguments: argparse.Namespace) -> "Recipe":
     values["traits"] = TRAITS[arguments.traits]
     values["links"] = chosen_links(arguments.link)
     eyes = {name: getattr(arguments, name) for name in ("width", "height", "quality")}
-    return Recipe.checked(values | {"eyes": None if arguments.no_images else eyes})
+    try:
+        return Recipe.checked(values | {"eyes": None if arguments.no_images else eyes})
+    except TaskError as error:
+        raise ConfigError(str(error)) from error
 
 
 def _crew(arguments: argparse.Namespace, recipe: "Recipe") -> "Crew":

@@ -38,7 +38,8 @@ of the task. The result is there whole or not at all; what was cut off is begun 
 Exit code: 0 done, 1 not, 2 wrong options, 130 Ctrl-C."""
 EXPORT_EXAMPLES = """examples:
   trill dataset export runs/datasets/door-unlock --format lerobot
-  trill dataset export runs/datasets/door-* --format lerobot --out door --width 224 --height 224
+  trill dataset export runs/datasets/door-unlock runs/datasets/door-push --format lerobot \\
+    --out runs/datasets/door-lerobot --width 224 --height 224
   trill dataset export runs/datasets/door-unlock --format lerobot --pictures embedded
   trill dataset export runs/datasets/door-unlock --format robomimic --width 120 --scale-actions
   trill dataset export runs/datasets/door-unlock --format robomimic --pictures none --seeds 0:50

@@ -14,11 +14,13 @@ from studies.collect.dataset import Build
 from studies.collect.episode import make_episode
 from studies.collect.errors import CollectError
 from studies.collect.fileformat import RATE, Episode, open_episode
-from studies.collect.store import IndexLine, Store
+from studies.collect.store import DAMAGED, IndexLine, Store
 
 _UNIT = 1e-6
 """A quaternion's norm is one within this."""
 _PERIOD = 1_000_000_000 // RATE
+_PHYSICS_STEP = 1_000_000
+"""Both in ns."""
 
 
 def check(store: Store, each: Callable[[], None] = lambda: None) -> list[str]:
@@ -46,6 +48,8 @@ def check(store: Store, each: Callable[[], None] = lambda: None) -> list[str]:
                 problems.append("of another recipe than dataset.json")
         except TrillError as error:
             problems = [str(error)]
+        except DAMAGED as error:
+            problems = [f"damaged: {error}"]
         found += [f"{name}: {problem}" for problem in problems]
         each()
     seeds = [line.meta.seed for line in lines.values()]
@@ -92,9 +96,9 @@ def _episode(path: Path) -> Iterator[str]:
                 yield problem
             else:
                 arrays[column.path] = values
-        yield from _quaternions(arrays)
-        yield from _time(arrays)
         meta = episode.meta
+        yield from _quaternions(arrays)
+        yield from _time(arrays, meta.recipe.physics_steps)
         if meta.success and not 0 <= meta.verdict_frame <= meta.frames:
             yield f"a success whose verdict came in frame {meta.verdict_frame} of {meta.frames}"
         if episode.has_pictures != (meta.recipe.eyes is not None):
@@ -137,11 +141,14 @@ def _quaternions(arrays: dict[str, Any]) -> Iterator[str]:
             yield f"{path}: a quaternion that is not of unit length in frame {wrong[0][0]}"
 
 
-def _time(arrays: dict[str, Any]) -> Iterator[str]:
+def _time(arrays: dict[str, Any], physics_steps: int) -> Iterator[str]:
     now = arrays.get("time/robot_ns")
     if now is None:
         return
-    uneven = np.flatnonzero(np.diff(now) != _PERIOD)
+    # Robot time goes in these steps, which need not fit into the frames' period.
+    step = physics_steps * _PHYSICS_STEP
+    slack = step if _PERIOD % step else 0
+    uneven = np.flatnonzero(np.abs(np.diff(now) - _PERIOD) > slack)
     if len(uneven):
         at = int(uneven[0])
         yield (

@@ -101,6 +101,9 @@ def read_dataset(root: Path) -> DatasetFile | None:
         try:
             return DatasetFile.model_validate_json(text)
         except ValidationError:
+            if b'"recipe"' in text:
+                raise
+            # Of an earlier version, or so damaged that both say the same.
             return DatasetFile(recipe=Recipe.model_validate_json(text))
     except FileNotFoundError:
         return None

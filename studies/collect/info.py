@@ -121,9 +121,11 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
         )
     with open_episode(root / kept[chosen].file) as episode:
         picture = sheet(episode)
-    path.parent.mkdir(parents=True, exist_ok=True)
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         written = cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    except OSError as error:
+        raise CollectError(f"cannot write {path}: {error.strerror}") from error
     except cv2.error as error:
         raise CollectError(f"cannot write {path}: expected a name like sheet.png") from error
     if not written:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from studies.collect.dataset import RECIPE, Build, DatasetFile, read_dataset
 from studies.collect.errors import CollectError
@@ -26,6 +26,8 @@ from studies.collect.recipe import Recipe
 INDEX, EPISODES, REJECTED = "index.jsonl", "episodes", "rejected"
 _LOCK = ".lock"
 _TEMPORARY = ".part"
+DAMAGED = (KeyError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
+"""What h5py raises where bytes of a file are wrong, besides what :mod:`fileformat` makes of it."""
 
 
 class IndexLine(BaseModel):
@@ -159,8 +161,11 @@ class Store:
         with _disk(self.root):
             for folder in (EPISODES, REJECTED):
                 (self.root / folder).mkdir(exist_ok=True)
-            for torn in self.root.rglob(f"*{_TEMPORARY}"):
-                torn.unlink()
+            # Not below others: an export beside the episodes keeps what is its own.
+            for place in (self.root, self.root / EPISODES, self.root / REJECTED):
+                for torn in place.glob(f"*{_TEMPORARY}"):
+                    if torn.is_file():
+                        torn.unlink()
         if file != known:
             write_whole(self.root / RECIPE, file.content())
 
@@ -186,8 +191,7 @@ class Store:
         except OSError as error:
             raise CollectError(f"cannot read {path}: {error.strerror}") from error
         if path.suffix == ".h5":
-            with open_episode(path) as episode:
-                meta = episode.meta
+            meta = read_meta(path)
         else:
             meta = parse_meta(path, content.decode(errors="replace"))
         if path.stem != f"{meta.seed:06d}":
@@ -250,12 +254,25 @@ class Store:
                 IndexLine.model_validate_json(text)
                 for text in path.read_text(encoding="utf-8").splitlines()
             ]
-        except (OSError, ValidationError) as error:
+        except (OSError, ValueError) as error:
             raise CollectError(
                 f"{path} cannot be read ({error}); rebuild it with: trill collect --reindex "
                 f"{self.root}"
             ) from error
         return sorted(lines, key=lambda line: line.meta.seed)
+
+
+def read_meta(path: Path) -> EpisodeMeta:
+    """What is known of the episode in a file.
+
+    Raises:
+        CollectError: it is none, of another version, or damaged.
+    """
+    try:
+        with open_episode(path) as episode:
+            return episode.meta
+    except DAMAGED as error:
+        raise CollectError(f"cannot read {path} as an episode, it is damaged: {error}") from error
 
 
 def _line(name: str, content: bytes, meta: EpisodeMeta) -> IndexLine:

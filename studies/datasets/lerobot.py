@@ -39,16 +39,19 @@ CRF = 18
 """Quality of the videos; lower is better and larger."""
 _BLOCK = 64
 """Frames a part of a table; bounds what is in memory where pictures are inside."""
+_MADE_FROM = "meta/trill.json"
 
 Tick = Callable[[int], None]
 
 
 def is_lerobot(path: Path) -> bool:
-    """Whether a directory is laid out like this."""
+    """Whether a directory is an export of ours, not somebody's own recordings in this format."""
     try:
-        return "codebase_version" in json.loads((path / layout.INFO_PATH).read_text())
+        about = json.loads((path / layout.INFO_PATH).read_text())
     except (OSError, ValueError):
         return False
+    ours = isinstance(about, dict) and "codebase_version" in about
+    return ours and (path / _MADE_FROM).is_file()
 
 
 def write(
@@ -92,10 +95,9 @@ def write(
 
 
 def _films(root: Path, pictures: Pictures, crf: int) -> dict[str, VideoFiles]:
-    folder = str(root) + "/videos/{key}/chunk-000/file-{{}}.mp4"
     limit = layout.VIDEO_MB << 20
     return {
-        eye: VideoFiles(folder.format(key=key), pictures.size, RATE, crf=crf, limit=limit)
+        eye: VideoFiles(root / f"videos/{key}/chunk-000", pictures.size, RATE, crf=crf, limit=limit)
         for eye, key in layout.PICTURE_KEYS.items()
     }
 
@@ -261,7 +263,7 @@ class _Writer:
         synthetic = all(chosen.meta.synthetic for chosen in self.source.episodes)
         # Beside info.json: lerobot takes nothing there that it does not know.
         about = {"synthetic_operator": synthetic, "episodes": made}
-        layout.write_json(self.root / "meta/trill.json", about)
+        layout.write_json(self.root / _MADE_FROM, about)
         (self.root / "README.md").write_text(card(self.source), encoding="utf-8")
 
 

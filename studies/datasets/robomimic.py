@@ -27,6 +27,7 @@ from studies.datasets.fields import ACTION, Float32, join, low_dimensional, name
 from studies.datasets.source import Chosen, Source, goal_of, reading
 from studies.datasets.staging import staged
 
+ROBOT = "draco3"
 VALID = 0.1
 """Part of the demos that is kept for validation."""
 _SPLIT_SEED = 0
@@ -45,11 +46,11 @@ def image_key(eye: str) -> str:
 
 
 def is_robomimic(path: Path) -> bool:
-    """Whether a file is laid out like this."""
+    """Whether a file is an export of ours, not somebody's own demonstrations in this format."""
     if not path.is_file() or not h5py.is_hdf5(path):
         return False
     with h5py.File(path, "r") as file:
-        return "data" in file and "total" in file["data"].attrs
+        return "data" in file and file["data"].attrs.get("robot") == ROBOT
 
 
 def write(
@@ -187,7 +188,7 @@ def _describe(
             "env_kwargs": {},
         }
     )
-    data.attrs["robot"], data.attrs["rate"] = "draco3", RATE
+    data.attrs["robot"], data.attrs["rate"] = ROBOT, RATE
     data.attrs["synthetic"] = all(chosen.meta.synthetic for chosen in source.episodes)
     data.attrs["goals"] = json.dumps({task: goal_of(task) for task in source.tasks})
     data.attrs["action_names"] = names_of(ACTION)

@@ -12,12 +12,12 @@ import cv2
 import numpy as np
 
 from studies.collect.fileformat import RATE, Episode, EpisodeMeta, Image, open_episode
-from studies.collect.store import EPISODES, Store
+from studies.collect.store import EPISODES, Store, read_meta
 from studies.datasets.errors import DatasetError
 
 _PERIOD_NS = 1_000_000_000 // RATE
 _TOLERANCE_NS = 1_000_000
-"""A frame may be off its place in time by this much."""
+"""A frame may be off its place in time by this much for each physics step between two looks."""
 
 
 @dataclass(frozen=True)
@@ -130,6 +130,7 @@ def choose(choice: Choice) -> Source:
         chosen += _of_one(root, choice)
     if not chosen:
         raise DatasetError(_nothing(choice))
+    _check_different(chosen)
     sizes = {_size(one.meta) for one in chosen}
     return Source(
         tuple(chosen),
@@ -148,11 +149,22 @@ def _of_one(root: Path, choice: Choice) -> Iterator[Chosen]:
     for path in store.files():
         if path.suffix != ".h5":
             continue
-        with open_episode(path) as episode:
-            meta = episode.meta
+        meta = read_meta(path)
         frames = choice.frames(meta)
         if choice._takes(meta) and frames > 0:
             yield Chosen(path, meta, frames)
+
+
+def _check_different(chosen: Sequence[Chosen]) -> None:
+    """An episode that is there twice would count twice, and be trained on and validated with."""
+    seen: dict[str, Chosen] = {}
+    for one in chosen:
+        other = seen.setdefault(one.meta.model_dump_json(), one)
+        if other is not one:
+            raise DatasetError(
+                f"{one.path} is the same episode as {other.path}; give each data set once, and of "
+                "copies only one"
+            )
 
 
 def _nothing(choice: Choice) -> str:
@@ -207,7 +219,8 @@ def reading(chosen: Chosen) -> Iterator[Episode]:
         stamps = episode.array("time/robot_ns", slice(0, chosen.frames))
         places = stamps[0] + _PERIOD_NS * np.arange(len(stamps))
         worst = int(np.argmax(np.abs(stamps - places)))
-        if abs(int(stamps[worst] - places[worst])) > _TOLERANCE_NS:
+        tolerance = chosen.meta.recipe.physics_steps * _TOLERANCE_NS
+        if abs(int(stamps[worst] - places[worst])) > tolerance:
             raise DatasetError(
                 f"{chosen.path}: expected a frame every {1000 / RATE:g} ms, but frame {worst} is "
                 f"{(stamps[worst] - places[worst]) * 1e-6:+.1f} ms off; both formats know nothing "
@@ -231,5 +244,5 @@ def goal_of(task: str) -> str:
 
 
 def seeds(chosen: Sequence[Chosen]) -> str:
-    """``0-3, 7``."""
+    """``0, 1, 2, 7``."""
     return ", ".join(str(one.meta.seed) for one in chosen)

@@ -26,6 +26,8 @@ def staged(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> Iterator[
         DatasetError: ``out`` exists and may not be replaced, cannot be written, or is being made
             by another process.
     """
+    # Where a link leads, it is to be; and . has no name to put something beside.
+    out = out.resolve()
     check_free(out, force=force, ours=ours)
     workshop = out.with_name(f".{out.name}{_SUFFIX}")
     try:
@@ -41,6 +43,12 @@ def staged(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> Iterator[
             yield workshop / out.name
             check_free(out, force=force, ours=ours)
             _move(workshop / out.name, out, workshop / f"{out.name}{_OLD}")
+        except (OSError, RuntimeError) as error:
+            # A full disk, as a rule; h5py has both kinds for it.
+            reason = str(error).partition("\n")[0]
+            raise DatasetError(
+                f"{out} cannot be written: {reason}; nothing is left of it. Is the disk full?"
+            ) from error
         finally:
             shutil.rmtree(workshop, ignore_errors=True)
     finally:

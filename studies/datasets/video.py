@@ -38,12 +38,12 @@ class VideoFiles:
     """Files of one eye, one after the other; a new one is begun only between episodes."""
 
     def __init__(
-        self, pattern: str, size: tuple[int, int], rate: int, *, crf: int, limit: int
+        self, folder: Path, size: tuple[int, int], rate: int, *, crf: int, limit: int
     ) -> None:
         """Prepare.
 
         Args:
-            pattern: path with ``{}`` for the file's number in three digits.
+            folder: of the files.
             size: width and height; even numbers.
             rate: pictures per second.
             crf: quality, 0 best to 51.
@@ -57,7 +57,7 @@ class VideoFiles:
                 f"video needs an even width and height, got {size[0]}x{size[1]}; give other "
                 "--width and --height, or --pictures embedded"
             )
-        self._pattern, self._size, self._rate = pattern, size, rate
+        self._folder, self._size, self._rate = folder, size, rate
         self._crf, self._limit = crf, limit
         self._file, self._frames = -1, 0
         self._container: Any = None
@@ -72,7 +72,7 @@ class VideoFiles:
         self._begin = self._frames
 
     def _path(self) -> Path:
-        return Path(self._pattern.format(f"{self._file:03d}"))
+        return self._folder / f"file-{self._file:03d}.mp4"
 
     def _open(self) -> None:
         self._file += 1

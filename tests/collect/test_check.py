@@ -102,6 +102,47 @@ def test_damage_is_told_with_file_and_frame(
     assert not any("000000" in text for text in found)
 
 
+def _no_array(file: h5py.File) -> None:
+    del file["action/neck"]
+    file["action/neck"] = np.dtype("f8")
+
+
+def _no_meta(file: h5py.File) -> None:
+    del file.attrs["meta"]
+
+
+@pytest.mark.parametrize("change", [_no_array, _no_meta])
+def test_what_hdf5_stumbles_over_is_damage_like_any_other(
+    store: Store, change: Callable[[h5py.File], None]
+) -> None:
+    with h5py.File(store.root / "episodes" / "000000.h5", "r+") as file:
+        change(file)
+    found = check(store)
+    assert any(t.startswith("episodes/000000.h5: ") and "damaged" in t for t in found), found
+    assert not any("000002" in text for text in found)
+
+
+def test_an_index_that_is_no_text_is_told(store: Store) -> None:
+    path = store.root / "index.jsonl"
+    content = bytearray(path.read_bytes())
+    content[40] ^= 0x80
+    path.write_bytes(content)
+    (found,) = check(store)
+    assert "--reindex" in found
+
+
+def test_robot_time_in_steps_that_do_not_fit_is_right(tmp_path: Path) -> None:
+    for steps, unevenness in ((3, 0), (5, 1)):
+        recipe = RECIPE.model_copy(update={"physics_steps": steps})
+        about = meta(0, "success", FRAMES).model_copy(update={"recipe": recipe})
+        given = whole(0)
+        given.rows["time/robot_ns"] = [(50 * (i + 3)) // 3 * 3_000_000 for i in range(FRAMES)]
+        store = Store(tmp_path / f"{steps}")
+        with store.writing(recipe, Build.here()):
+            store.add(about, to_bytes(about, given, {}))
+        assert sum("expected 50" in text for text in check(store)) == unevenness
+
+
 def test_the_index_and_the_files_are_compared(
     store: Store, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -132,6 +173,14 @@ def test_flags_that_contradict(store: Store) -> None:
     found = "\n".join(check(store))
     assert "kept, but its verdict is failure" in found
     assert "does not say which code" in found
+
+
+def test_a_place_where_no_sheet_can_be_is_told(
+    store: Store, capsys: pytest.CaptureFixture[str]
+) -> None:
+    below = store.root / "dataset.json" / "sheet.png"
+    assert main(["collect", "--info", str(store.root), "--sheet", str(below)]) == 1
+    assert "cannot write" in capsys.readouterr().err
 
 
 def test_wrong_questions(store: Store, capsys: pytest.CaptureFixture[str]) -> None:

@@ -131,7 +131,7 @@ def test_wrong_options_are_refused(
 
 
 def test_an_unknown_task_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["collect", "door/lock", "--out", str(tmp_path / "d")]) == 1
+    assert main(["collect", "door/lock", "--out", str(tmp_path / "d")]) == 2
     assert "door/unlock" in capsys.readouterr().err
 
 

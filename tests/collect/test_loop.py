@@ -81,6 +81,17 @@ def test_what_a_killed_run_leaves_is_mended(tmp_path: Path) -> None:
         assert digests(root) == digests(tmp_path / "whole")
 
 
+def test_what_others_make_in_the_data_set_is_let_be(tmp_path: Path) -> None:
+    gather(tmp_path, 2)
+    # As an export has while it is made.
+    export = tmp_path / ".export.part"
+    (export / "data").mkdir(parents=True)
+    (export / "data" / "file.part").write_text("1")
+    (tmp_path / "episodes" / "000009.h5.part").write_text("")
+    gather(tmp_path, 3)
+    assert [path.name for path in tmp_path.rglob("*.part")] == [".export.part", "file.part"]
+
+
 def test_nothing_to_do_needs_no_worker(tmp_path: Path) -> None:
     gather(tmp_path, 3)
 
@@ -169,6 +180,15 @@ def test_a_data_set_of_before_builds_were_kept_is_of_unknown_code(tmp_path: Path
     assert len(Store(tmp_path).scan()) == 1
     with pytest.raises(ConfigError, match="unknown"):
         gather(tmp_path, 2)
+
+
+def test_what_is_wrong_in_the_description_is_named(tmp_path: Path) -> None:
+    gather(tmp_path, 1)
+    path = tmp_path / "dataset.json"
+    path.write_text(path.read_text().replace('"torque_mode": "relaxed"', '"torque_mode": "lazy"'))
+    with pytest.raises(CollectError, match=r"recipe\.torque_mode") as error:
+        read_dataset(tmp_path)
+    assert "task" not in str(error.value)
 
 
 def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:

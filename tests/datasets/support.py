@@ -47,10 +47,11 @@ def make(
     task: str = "door/unlock",
     size: tuple[int, int] | None = SIZE,
     rows_of: dict[int, Rows] | None = None,
+    physics_steps: int = 1,
 ) -> Path:
     """A data set: the trial with seed i ends with ``verdicts[i]``."""
     eyes = Eyes(width=size[0], height=size[1], quality=95) if size else None
-    recipe = Recipe(task=task, eyes=eyes, keep_failures=True)
+    recipe = Recipe(task=task, eyes=eyes, keep_failures=True, physics_steps=physics_steps)
     store = Store(root)
     with store.writing(recipe, BUILD):
         for seed, verdict in enumerate(verdicts):

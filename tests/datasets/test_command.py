@@ -53,6 +53,32 @@ def test_force_replaces_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (precious / "chapter").read_text() == "1"
 
 
+def test_force_replaces_nobody_elses_data_in_the_same_format(tmp_path: Path) -> None:
+    root = make(tmp_path / "door", ("success",), size=None)
+    recorded = tmp_path / "recorded"
+    (recorded / "meta").mkdir(parents=True)
+    about = recorded / "meta" / "info.json"
+    demos = tmp_path / "demos.hdf5"
+    with h5py.File(demos, "w") as file:
+        file.create_group("data").attrs["total"] = 7
+    before = demos.read_bytes()
+    for text in ('{"codebase_version": "v3.0", "robot_type": "arm"}', "3"):
+        about.write_text(text)
+        assert export(root, "--format", "lerobot", "--out", recorded, "--force") == 1
+        assert about.read_text() == text
+    assert export(root, "--format", "robomimic", "--out", demos, "--force") == 1
+    assert demos.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["a {x} %d", "a:b", "tür auf"])
+def test_any_name_will_do(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    root = make(Path(name), ("success",))
+    for form in ("lerobot", "robomimic"):
+        assert export(root, "--format", form, "--out", f"{name}.{form}") == 0
+    assert len(list((tmp_path / f"{name}.lerobot").rglob("file-000.mp4"))) == 2
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -12,6 +12,7 @@ import pytest
 
 from services.sim.tasks import find_task
 from studies.datasets import lerobot, lerobot_layout
+from studies.datasets.acceptance.lerobot_check import middle
 from studies.datasets.acceptance.original import Original, originals, psnr
 from studies.datasets.errors import DatasetError
 from studies.datasets.source import Choice, choose
@@ -209,3 +210,9 @@ def test_odd_sizes_make_no_video(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="25x32"):
         lerobot.write(source, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["d"]
+
+
+def test_the_frame_whose_neighbours_are_compared_has_one_before_it() -> None:
+    for lengths in ((5, 5), (4, 6), (3, 3, 3), (2, 1, 4)):
+        data = [{"frame_index": frame} for length in lengths for frame in range(length)]
+        assert data[middle(data)]["frame_index"] > 0

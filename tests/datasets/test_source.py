@@ -1,9 +1,12 @@
 """Which episodes are exported, which of their frames, and what is refused."""
 
+import shutil
 from pathlib import Path
 
+import h5py
 import pytest
 
+from studies.collect.errors import CollectError
 from studies.datasets.errors import DatasetError
 from studies.datasets.source import Choice, choose, reading
 from tests.datasets.support import FRAMES, SIZE, VERDICT, make, rows
@@ -85,3 +88,40 @@ def test_a_gap_in_time_is_refused(tmp_path: Path) -> None:
         reading(source.episodes[0]),
     ):
         pass
+
+
+def test_robot_time_in_steps_that_do_not_fit_is_no_gap(tmp_path: Path) -> None:
+    given = rows(0)
+    # Frames every 50 ms see a robot time that goes in steps of 3 ms.
+    given.rows["time/robot_ns"] = [
+        (1050 + 50 * frame) // 3 * 3_000_000 for frame in range(len(given))
+    ]
+    for steps, name in ((3, "a"), (1, "b")):
+        root = make(tmp_path / name, ("success",), rows_of={0: given}, physics_steps=steps)
+        (chosen,) = choose(Choice((root,))).episodes
+        if steps == 1:
+            with pytest.raises(DatasetError, match=r"2\.0 ms off"), reading(chosen):
+                pass
+        else:
+            with reading(chosen) as episode:
+                assert episode.meta.frames == FRAMES
+
+
+def test_an_episode_is_not_taken_twice(tmp_path: Path) -> None:
+    root = make(tmp_path / "d")
+    link = tmp_path / "again"
+    link.symlink_to(root)
+    copy = shutil.copytree(root, tmp_path / "copy")
+    for other in (root, link, copy):
+        with pytest.raises(DatasetError, match="the same episode"):
+            choose(Choice((root, other)))
+    late = make(tmp_path / "late", physics_steps=5)
+    assert len(choose(Choice((root, late))).episodes) == 6
+
+
+def test_a_damaged_episode_is_told(tmp_path: Path) -> None:
+    root = make(tmp_path / "d")
+    with h5py.File(root / "episodes" / "000001.h5", "r+") as file:
+        del file.attrs["meta"]
+    with pytest.raises(CollectError, match=r"000001\.h5 as an episode, it is damaged"):
+        choose(Choice((root,)))

@@ -31,7 +31,8 @@ def test_it_appears_at_the_end(tmp_path: Path) -> None:
 def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.write_text("ours 1")
-    with pytest.raises(FileNotFoundError), staged(out, force=True, ours=ours) as path:
+    told = pytest.raises(DatasetError, match="cannot be written")
+    with told, staged(out, force=True, ours=ours) as path:
         (path / "no directory").write_text("ours 2")
     assert out.read_text() == "ours 1"
     assert names(tmp_path) == ["out"]
@@ -86,3 +87,35 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     out = tmp_path / "file" / "out"
     with pytest.raises(DatasetError, match="--out"), staged(out, force=False, ours=ours):
         pass
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left"), RuntimeError("write failed\nx")])
+def test_a_full_disk_is_told_in_one_line(error: Exception, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with pytest.raises(DatasetError) as told, staged(out, force=False, ours=ours):
+        raise error
+    assert "Is the disk full?" in str(told.value)
+    assert "\n" not in str(told.value)
+    assert names(tmp_path) == []
+
+
+def test_where_a_link_leads_it_is_made(tmp_path: Path) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(tmp_path / "disk" / "out")
+    for number in ("1", "2"):
+        with staged(link, force=number == "2", ours=ours) as path:
+            path.write_text(f"ours {number}")
+        assert link.is_symlink()
+        assert (tmp_path / "disk" / "out").read_text() == f"ours {number}"
+    assert names(tmp_path) == ["disk", "link"]
+
+
+def test_the_directory_one_is_in_can_be_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "out").mkdir()
+    monkeypatch.chdir(tmp_path / "out")
+    with staged(Path(), force=True, ours=lambda _path: True) as path:
+        path.mkdir()
+        (path / "new").write_text("")
+    assert names(tmp_path / "out") == ["new"]

@@ -123,6 +123,12 @@ def _statistics(data: Any) -> dict[str, Any]:
     return {"statistics": "right"}
 
 
+def middle(data: Any) -> int:
+    """A frame about the middle that is not the first of its episode, so that one is before it."""
+    at = len(data) // 2
+    return at + (int(data[at]["frame_index"]) == 0)
+
+
 def _windows(export: Path, data: Any, eyes: Sequence[str]) -> dict[str, Any]:
     """Batches of several frames, as policies that look back and plan ahead ask for."""
     import torch
@@ -130,7 +136,7 @@ def _windows(export: Path, data: Any, eyes: Sequence[str]) -> dict[str, Any]:
     times = {"action": [step / RATE for step in range(CHUNK)], "observation.state": [-0.05, 0.0]}
     times |= {f"observation.images.{eye}": [-0.05, 0.0] for eye in eyes}
     windows = loader(export, delta_timestamps=times)
-    at = len(data) // 2
+    at = middle(data)
     item = windows[at]
     for step in range(CHUNK):
         if not bool(item["action_is_pad"][step]):
