@@ -100,15 +100,7 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
 def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
     from deploy.latency import system_links
 
-    own: dict[str, str] = {}
-    if arguments.task is not None:
-        from services.sim.errors import TaskError
-        from services.sim.tasks import find_task
-
-        try:
-            own = find_task(arguments.task).links
-        except TaskError as error:
-            raise ConfigError(f"--task: {error}") from error
+    own = {} if arguments.task is None else _links_of(arguments.task)
     return SystemOptions(
         mode=arguments.mode,
         cameras=not arguments.no_cameras,
@@ -119,6 +111,23 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
         seed=arguments.seed,
         links=system_links(arguments.latency, own, arguments.config),
     )
+
+
+def _links_of(task: str) -> dict[str, str]:
+    """The links that belong to a task."""
+    try:
+        # The tasks are found, and mujoco with them, only when one is asked for.
+        from services.sim.errors import TaskError
+        from services.sim.tasks import find_task
+
+        try:
+            return find_task(task).links
+        except TaskError as error:
+            raise ConfigError(f"--task: {error}") from error
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"--task: the scenes cannot be built without {error.name}: pip install 'trill[sim]'"
+        ) from error
 
 
 def _demo(arguments: argparse.Namespace) -> int:

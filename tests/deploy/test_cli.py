@@ -211,3 +211,30 @@ def test_a_viewers_machine_needs_neither_physics_nor_solvers() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["tasks"],
+        ["demo", "--task", "door/unlock"],
+        ["up", "--task", "door/unlock"],
+        ["collect", "door/unlock"],
+        ["study", "latency"],
+        ["dataset", "export", ".", "--format", "robomimic"],
+    ],
+    ids=" ".join,
+)
+def test_what_a_command_lacks_is_named(command: list[str]) -> None:
+    program = (
+        "import sys\n"
+        "sys.modules |= dict.fromkeys(('mujoco', 'pinocchio', 'h5py', 'matplotlib', 'av'))\n"
+        "from deploy.cli import main\n"
+        f"sys.exit(main({command!r}))\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode in {1, 2}
+    assert "pip install 'trill[" in ended.stderr
+    assert "Traceback" not in ended.stderr
