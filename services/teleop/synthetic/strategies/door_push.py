@@ -8,8 +8,10 @@ from services.teleop.synthetic.sight import Sight, hand_pose
 
 BEYOND = 1.27
 """The torso must get further than this in world x [m]."""
-LANE = 0.04
-"""Best y to go through at [m]."""
+LANE = 0.035
+"""Best y to go through at [m]; the leaf is on the right, the strike nearer on the left."""
+TOO_LEFT, TOO_RIGHT = 0.04, -0.065
+"""Beside the lane [m]; further apart than a side-step, so that none is taken back."""
 MOST_GAITS = 12
 
 
@@ -21,7 +23,7 @@ def push_through(person: Person) -> Act:
     yield from person.engage("left", "right")
     yield from person.together(person.grip("left", 1.0), person.grip("right", 1.0))
     yield from left_to_leaf(person)
-    lane = person.vary(LANE, 0.01)
+    lane = person.vary(LANE, 0.005)
     right_out = parked = False
     for _ in range(MOST_GAITS):
         sight = person.sight
@@ -51,7 +53,7 @@ def next_gait(sight: Sight, lane: float) -> Gait:
     if abs(yaw) > math.radians(9.5):
         return Gait.TURN_RIGHT if yaw > 0.0 else Gait.TURN_LEFT
     drift = y + yaw * max(0.0, 0.7 - x) - lane
-    if abs(drift) > 0.055 and x < 0.9:
+    if not TOO_RIGHT < drift < TOO_LEFT and x < 0.9:
         return Gait.SIDE_RIGHT if drift > 0.0 else Gait.SIDE_LEFT
     return Gait.FORWARD
 
