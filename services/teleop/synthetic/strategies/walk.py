@@ -3,7 +3,7 @@
 import math
 
 from services.teleop.synthetic.person import Act, Person
-from services.teleop.synthetic.sight import Sight
+from services.teleop.synthetic.sight import Sight, hand_pose
 from services.teleop.synthetic.walking import Place, Tolerance, walk_to
 
 
@@ -14,10 +14,25 @@ def _goal(sight: Sight, ahead: float = 0.0, aside: float = 0.0) -> Place:
 
 
 def walk_to_door(person: Person) -> Act:
-    """To the door, facing it; a little further than asked for is as good."""
-    ahead, aside = person.vary(0.06, 0.02), person.vary(0.02, 0.02)
+    """To the door, facing it; much nearer, a hand would touch the lever."""
+    ahead, aside = person.vary(0.02, 0.01), person.vary(0.0, 0.015)
+    yield from hands_in(person)
     yield from _walk(
-        person, ahead, aside, Tolerance(0.08, math.radians(9.0)), by_rule=person.chance(0.5)
+        person, ahead, aside, Tolerance(0.07, math.radians(9.0)), by_rule=person.chance(0.5)
+    )
+    return True
+
+
+def hands_in(person: Person) -> Act:
+    """Both hands close to the body: walking up at an angle, one reached the lever."""
+    person.note = "hands in"
+    yield from person.react()
+    yield from person.engage("left", "right")
+    x, z = person.vary(0.25, 0.008), person.vary(-0.04, 0.01)
+    left, right = hand_pose(x, 0.2, z), hand_pose(x, -0.2, z)
+    yield from person.together(
+        person.reach("left", lambda _: left, tolerance=0.05, angle=0.4, corrections=0),
+        person.reach("right", lambda _: right, tolerance=0.05, angle=0.4, corrections=0),
     )
     return True
 
