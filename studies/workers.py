@@ -77,21 +77,32 @@ def _follow_parent() -> None:
 
 
 @contextlib.contextmanager
-def _surroundings() -> Iterator[None]:
+def surroundings() -> Iterator[None]:
     """What new processes are to find: few threads, and Ctrl-C blocked, their parent's business."""
     before = {name: os.environ.get(name) for name in ENVIRONMENT}
     os.environ.update(ENVIRONMENT)
     # Inherited from the first moment on; a handler of theirs would come too late.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # A thread of a library may take the signal all the same, and Python's handler then interrupts
+    # this one: between a worker's start and what it is told, it would die with a traceback.
+    held: list[int] = []
+    usual = signal.getsignal(signal.SIGINT)
+    ours = usual is not None and threading.current_thread() is threading.main_thread()
+    if ours:
+        signal.signal(signal.SIGINT, lambda number, _frame: held.append(number))
     try:
         yield
     finally:
+        if ours:
+            signal.signal(signal.SIGINT, usual)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+        if held:
+            signal.raise_signal(held[0])
 
 
 class _Worker:
@@ -122,7 +133,7 @@ class _Worker:
     def submit(self, work: Callable[..., T], arguments: tuple[object, ...]) -> "Future[T]":
         """Give it work; may raise BrokenProcessPool if it has just gone."""
         before = set(active_children())
-        with _surroundings():
+        with surroundings():
             future = self._pool.submit(work, *arguments)
         if self._process is None:
             self._process = next(iter(set(active_children()) - before), None)

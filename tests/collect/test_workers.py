@@ -2,13 +2,14 @@
 
 import os
 import signal
+import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 import pytest
 
-from studies.workers import Workers, stop_wanted
+from studies.workers import Workers, stop_wanted, surroundings
 
 
 def pid() -> int:
@@ -66,3 +67,20 @@ def test_the_end_waits_for_nobody_who_is_stopped() -> None:
     while Path(f"/proc/{stopped}").exists():
         assert time.monotonic() < until
         time.sleep(0.05)
+
+
+def test_ctrl_c_waits_until_a_worker_has_begun() -> None:
+    """Also when another thread takes the signal, as those of libraries do."""
+    go, reached = threading.Event(), False
+
+    def take() -> None:
+        go.wait()
+        signal.raise_signal(signal.SIGINT)
+
+    thread = threading.Thread(target=take)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt), surroundings():  # noqa: PT012
+        go.set()
+        thread.join()
+        reached = True
+    assert reached
