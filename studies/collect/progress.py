@@ -2,22 +2,13 @@
 
 from collections import Counter
 from time import monotonic
-from types import TracebackType
-from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from studies.collect.collect import Standing
 from studies.collect.space import size
 from studies.collect.store import IndexLine
-
-
-def duration(seconds: float) -> str:
-    """``3:07`` or ``1:02:03``."""
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
+from studies.progress import Bar, duration
 
 
 class Pace:
@@ -66,51 +57,26 @@ def fitting(parts: list[str], width: int) -> str:
     return text
 
 
-class Display:
-    """Shows the standing while it changes; a context manager."""
+class Display(Bar):
+    """Shows the standing while it changes."""
 
     def __init__(self, console: Console) -> None:
-        self._console = console
+        super().__init__(console, "episodes")
         self._pace = Pace()
-        self._bar = Progress(
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=20),
-            MofNCompleteColumn(),
-            TextColumn("{task.fields[pace]}", markup=False),
-            console=console,
-            disable=not console.is_terminal,
-        )
-        self._row = self._bar.add_task("episodes", total=None, pace="")
-
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._bar.stop()
 
     def tell(self, standing: Standing, line: IndexLine | None) -> None:
         """Show how it stands; ``line`` is a trial that has just ended."""
         parts = self._pace.parts(standing)
-        shown = fitting(parts, self._console.width - _FIXED) or "the first are under way"
-        self._bar.update(self._row, completed=standing.successes, total=standing.wanted, pace=shown)
+        shown = fitting(parts, self.console.width - _FIXED) or "the first are under way"
+        self.show(standing.successes, standing.wanted, shown)
         if line is None:
             return
         meta = line.meta
-        if not self._console.is_terminal:
+        if not self.console.is_terminal:
             text = f"[{standing.successes}/{standing.wanted}] seed {meta.seed}: {meta.verdict}"
             self.say(f"{text} at {meta.completion_time:.1f} s; {', '.join(parts)}")
         if not meta.success:
             self.say(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
-
-    def say(self, text: str) -> None:
-        """Print a line, above the bar if there is one."""
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def closing(standing: Standing, elapsed: float) -> str:

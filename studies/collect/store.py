@@ -9,11 +9,9 @@ The files are the truth. A trial is done when its file is there; the index is co
 """
 
 import errno
-import fcntl
 import hashlib
-import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
@@ -22,10 +20,10 @@ from studies.collect.dataset import RECIPE, Build, DatasetFile, read_dataset
 from studies.collect.errors import CollectError
 from studies.collect.fileformat import EpisodeMeta, open_episode, parse_meta
 from studies.collect.recipe import Recipe
+from studies.files import PART, alone, write_whole
 
 INDEX, EPISODES, REJECTED = "index.jsonl", "episodes", "rejected"
 _LOCK = ".lock"
-_TEMPORARY = ".part"
 DAMAGED = (KeyError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
 """What h5py raises where bytes of a file are wrong, besides what :mod:`fileformat` makes of it."""
 
@@ -67,25 +65,14 @@ def _disk(path: Path) -> Iterator[None]:
         raise CollectError(f"cannot write {path}: {error.strerror or error}{more}") from error
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all, whenever the process is killed.
+def _write(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all.
 
     Raises:
         CollectError: the disk is full, or the file may not be written.
     """
-    temporary = path.with_name(path.name + _TEMPORARY)
     with _disk(path):
-        try:
-            with temporary.open("wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
-        except OSError:
-            # A full disk is not to be kept full by what is no use.
-            with suppress(OSError):
-                temporary.unlink(missing_ok=True)
-            raise
+        write_whole(path, content)
 
 
 class Store:
@@ -114,17 +101,9 @@ class Store:
         Raises:
             CollectError: somebody else writes here, or nobody may.
         """
-        # The system lets go of the lock when the process ends, however it ends.
-        with _disk(self.root / _LOCK):
-            lock = (self.root / _LOCK).open("w")
-        with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
-                raise CollectError(
-                    f"{self.root} is being written by another process; wait for it or choose "
-                    "another --out"
-                ) from error
+        with ExitStack() as stack:
+            with _disk(self.root / _LOCK):
+                stack.enter_context(alone(self.root / _LOCK, CollectError))
             yield
 
     @contextmanager
@@ -163,18 +142,18 @@ class Store:
                 (self.root / folder).mkdir(exist_ok=True)
             # Not below others: an export beside the episodes keeps what is its own.
             for place in (self.root, self.root / EPISODES, self.root / REJECTED):
-                for torn in place.glob(f"*{_TEMPORARY}"):
+                for torn in place.glob(f"*{PART}"):
                     if torn.is_file():
                         torn.unlink()
         if file != known:
-            write_whole(self.root / RECIPE, file.content())
+            _write(self.root / RECIPE, file.content())
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
         """Keep a trial: its episode, or only its description."""
         kept = content is not None
         name = f"{EPISODES}/{meta.seed:06d}.h5" if kept else f"{REJECTED}/{meta.seed:06d}.json"
         data = content if content is not None else (meta.model_dump_json() + "\n").encode()
-        write_whole(self.root / name, data)
+        _write(self.root / name, data)
         line = _line(name, data, meta)
         with _disk(self.root / INDEX), (self.root / INDEX).open("a", encoding="utf-8") as index:
             index.write(line.model_dump_json() + "\n")
@@ -240,7 +219,7 @@ class Store:
     def write_index(self, lines: list[IndexLine]) -> None:
         """Replace the index."""
         text = "".join(line.model_dump_json() + "\n" for line in lines)
-        write_whole(self.root / INDEX, text.encode())
+        _write(self.root / INDEX, text.encode())
 
     def index(self) -> list[IndexLine]:
         """Read the index, by seed; of a run that was cut off it may lack the last trials.

@@ -7,32 +7,21 @@ tlx/              answer sheets
 trials.csv, summary.csv, summary.json, latency.png      made from these
 """
 
-import fcntl
 import json
-import os
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
+from studies.files import alone, append_line, write_whole
 from studies.latency.errors import LatencyStudyError
 from studies.latency.plan import Plan
 from studies.latency.row import TrialRow
 
 PLAN, TRIALS, HUMAN, SHEETS = "study.json", "trials.jsonl", "human.jsonl", "tlx"
 _LOCK = ".lock"
-
-
-def write_whole(path: Path, content: str) -> None:
-    """Write a file so that it is there whole or not at all, whenever the process is killed."""
-    temporary = path.with_name(path.name + ".part")
-    with temporary.open("w", encoding="utf-8", newline="") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    temporary.replace(path)
 
 
 class Store:
@@ -67,21 +56,13 @@ class Store:
             ConfigError: it was begun with other settings.
             LatencyStudyError: somebody else runs trials here, or it is no place to write.
         """
-        try:
-            self.root.mkdir(parents=True, exist_ok=True)
-            (self.root / _LOCK).touch()
-        except OSError as error:
-            raise LatencyStudyError(
-                f"cannot write in {self.root}: {error.strerror}; choose another --out"
-            ) from error
-        # The system lets go of the lock when the process ends, however it ends.
-        with (self.root / _LOCK).open("w") as lock:
+        with ExitStack() as stack:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                self.root.mkdir(parents=True, exist_ok=True)
+                stack.enter_context(alone(self.root / _LOCK, LatencyStudyError))
             except OSError as error:
                 raise LatencyStudyError(
-                    f"{self.root} is being written by another process; wait for it or choose "
-                    "another --out"
+                    f"cannot write in {self.root}: {error.strerror}; choose another --out"
                 ) from error
             known = self._plan()
             # Labels are no difference: they are of the figure alone.
@@ -93,7 +74,7 @@ class Store:
                 )
             if known is None:
                 text = json.dumps(plan.model_dump(mode="json"), indent=1) + "\n"
-                write_whole(self.root / PLAN, text)
+                write_whole(self.root / PLAN, text.encode())
             yield
 
     def rows(self) -> list[TrialRow]:
@@ -120,7 +101,7 @@ class Store:
         """
         path = self.root / (TRIALS if row.operator == "synthetic" else HUMAN)
         try:
-            _append(path, row)
+            append_line(path, row.model_dump_json())
         except OSError as error:
             raise LatencyStudyError(
                 f"cannot write {path}: {error.strerror}; what was there is kept: mend it and give "
@@ -139,14 +120,6 @@ class Store:
             raise LatencyStudyError(f"{path}: {explain(error)}") from error
 
 
-def _append(path: Path, row: TrialRow) -> None:
-    _cut_torn(path)
-    with path.open("a", encoding="utf-8") as file:
-        file.write(row.model_dump_json() + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-
-
 def _read(path: Path) -> list[TrialRow]:
     rows: list[TrialRow] = []
     try:
@@ -163,16 +136,3 @@ def _read(path: Path) -> list[TrialRow]:
                 "the same command again to have the trial run anew"
             ) from error
     return rows
-
-
-def _cut_torn(path: Path) -> None:
-    """Take away a torn last line, so that the next begins on a line of its own."""
-    try:
-        with path.open("r+b") as file:
-            content = file.read()
-            whole = content.rfind(b"\n") + 1
-            if whole < len(content):
-                file.truncate(whole)
-                os.fsync(file.fileno())
-    except FileNotFoundError:
-        return

@@ -12,11 +12,11 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from studies.files import write_whole
 from studies.latency.finding import CRITERIA, Check, Finding
 from studies.latency.plan import Plan
 from studies.latency.row import LinkTake, TrialRow
 from studies.latency.stats import CellSummary, Interval
-from studies.latency.store import write_whole
 from studies.latency.tlx import SCALES, Workload
 
 _LINK = ("asked_mean", "asked_p99", "mean", "p99")
@@ -34,7 +34,7 @@ def write_csv(path: Path, rows: Sequence[dict[str, object]]) -> None:
         writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
         writer.writeheader()
         writer.writerows([{k: _rounded(v) for k, v in row.items()} for row in rows])
-    write_whole(path, text.getvalue())
+    write_whole(path, text.getvalue().encode())
 
 
 def write_summary(
@@ -54,7 +54,8 @@ def write_summary(
         "finding": asdict(finding),
         "workload": [part.model_dump(mode="json") for part in workload],
     }
-    write_whole(root / "summary.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+    text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+    write_whole(root / "summary.json", text.encode())
 
 
 def write_workload(path: Path, workload: Sequence[Workload]) -> None:

@@ -29,8 +29,8 @@ from pydantic import (
 )
 
 from common.errors import explain
+from studies.files import write_whole
 from studies.latency.errors import LatencyStudyError
-from studies.latency.store import write_whole
 
 Scale = Literal["mental", "physical", "temporal", "performance", "effort", "frustration"]
 PSEUDONYM = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
@@ -210,7 +210,7 @@ def write_sheet(folder: Path, sheet: AnswerSheet) -> Path:
         if path.exists():
             raise LatencyStudyError(f"{path} is there already; a sheet is never replaced")
         # Half a sheet would stop every report from here on.
-        write_whole(path, text)
+        write_whole(path, text.encode())
     except OSError as error:
         raise LatencyStudyError(f"cannot write {path}: {error.strerror}") from error
     return path

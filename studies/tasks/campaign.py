@@ -12,6 +12,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from common.errors import ConfigError, TrillError, explain
 from common.topics import TELEOP_SETPOINT
+from studies.files import append_line
 from studies.source import digest
 from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
 from studies.workers import Workers, stop_wanted
@@ -104,10 +105,7 @@ class Kept:
             "result": asdict(result),
         }
         try:
-            with self.path.open("a", encoding="utf-8") as file:
-                file.write(json.dumps(entry) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
+            append_line(self.path, json.dumps(entry))
         except OSError as error:
             raise TrillError(
                 f"cannot write {self.path}: {error.strerror}; what was there is kept: mend it and "

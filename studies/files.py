@@ -1,0 +1,69 @@
+"""Files of long runs that survive a kill: written whole, line by line, by one process at a time."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from common.errors import TrillError
+
+PART = ".part"
+"""Ending of a file that is being written."""
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all, whenever the process is killed.
+
+    Raises:
+        OSError: it cannot be written; nothing is left of it.
+    """
+    temporary = path.with_name(path.name + PART)
+    try:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError:
+        # A full disk is not to be kept full by what is no use.
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+def append_line(path: Path, text: str) -> None:
+    """Append a line; on the disk when this returns. A torn last line is taken away before.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with path.open("a+b") as file:
+        file.seek(0)
+        content = file.read()
+        whole = content.rfind(b"\n") + 1
+        if whole < len(content):
+            file.truncate(whole)
+        file.write(text.encode() + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def alone(lock: Path, refused: type[TrillError]) -> Iterator[None]:
+    """Be the only process that works in the directory of the file ``lock``.
+
+    Raises:
+        OSError: the file cannot be opened.
+        TrillError: of the type ``refused``: another process is at it.
+    """
+    # The system lets go of the lock when the process ends, however it ends.
+    with lock.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise refused(
+                f"{lock.parent} is being written by another process; wait for it or choose "
+                "another --out"
+            ) from error
+        yield
