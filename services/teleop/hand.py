@@ -33,8 +33,9 @@ class TargetLimits(BaseModel):
     """How fast and how far the targets may move; the box is the left hand's, the right mirrors it.
 
     The box is that of the public TRILL configuration (there in ``base_com``), but with x from
-    0.15 m so that a hand can be drawn back to the torso, and no higher than 0.40 m: above, close
-    to the chest, the upper arms press against it and topple the robot.
+    0.15 m so that a hand can be drawn back to the torso, to 0.56 m (there 0.50) so that a hand near
+    the end of its reach can still be sent ahead of a thing to push it, and no higher than 0.40 m:
+    above, close to the chest, the upper arms press against it and topple the robot.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -49,7 +50,7 @@ class TargetLimits(BaseModel):
     lead_distance: float = Field(default=0.08, gt=0.0, description="of a stepped goal [m]")
     lead_angle: float = Field(default=0.4, gt=0.0, description="of a stepped goal [rad]")
     box_low: tuple[float, float, float] = (0.15, -0.10, -0.2 + BASE_COM_HEIGHT)
-    box_high: tuple[float, float, float] = (0.50, 0.45, 0.40)
+    box_high: tuple[float, float, float] = (0.56, 0.45, 0.40)
     neck_low: float = JOINTS[NECK.start].lower
     neck_high: float = JOINTS[NECK.start].upper
 

@@ -144,8 +144,23 @@ class HandConfig(_Config):
         default=0.6, ge=0.0, description="cap on the velocity read off successive set-points [m/s]"
     )
     feedforward_rate_max: float = Field(default=2.5, ge=0.0, description="likewise [rad/s]")
+    tremor: float = Field(
+        default=0.002, gt=0.0, description="set-points this near to the expected tremble [m]"
+    )
+    tremor_angle: float = Field(default=0.015, gt=0.0, description="likewise [rad]")
+    tremor_gain: float = Field(
+        default=0.4, gt=0.0, le=1.0, description="share of it that is followed; 1: all"
+    )
+    movement_speed: float = Field(default=0.04, gt=0.0, description="slower may tremble [m/s]")
+    movement_rate: float = Field(default=0.24, gt=0.0, description="likewise [rad/s]")
+    movement_ratio: float = Field(
+        default=2.5, gt=1.0, description="so many times all these is a movement, followed whole"
+    )
     stale_after: float = Field(default=0.25, gt=0.0, description="then the hands hold [s]")
-    x_range: tuple[float, float] = (0.15, 0.50)
+    x_range: tuple[float, float] = Field(
+        default=(0.15, 0.56),
+        description="further than a hand reaches: a push's force comes of the set-point's lead",
+    )
     y_range: tuple[float, float] = Field(
         default=(-0.10, 0.45), description="of the left hand; the right is mirrored [m]"
     )

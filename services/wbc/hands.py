@@ -3,23 +3,18 @@
 Set-points arrive at about 20 Hz. Each becomes a cubic Hermite segment that starts at the present
 reference (position and velocity) and ends one set-point period later (later still if a speed
 limit says so) where the operator will be
-if the motion goes on: at the set-point plus the velocity read off the last two. A steady motion
-is thus followed without lag; a stop costs one period's overshoot. When set-points cease, the
-reference comes to rest at the last one and holds.
+if the motion goes on, by an estimate (operator_motion.py) that leaves out most of a hand's
+trembling. A steady motion is thus followed without lag; a stop costs one period's overshoot. When
+set-points cease, the reference comes to rest at the last one and holds.
 """
 
 import numpy as np
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import HandConfig
+from services.wbc.operator_motion import OperatorMotion
 from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
 from services.wbc.swing import PoseReference
-
-
-def clamp_norm(vector: Array, limit: float) -> Array:
-    """``vector`` shortened to ``limit`` if it is longer."""
-    norm = float(np.sqrt(vector @ vector))
-    return vector if norm <= limit else vector * (limit / norm)
 
 
 def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
@@ -78,6 +73,7 @@ class HandReference:
         self._segment: _Segment | None = None
         self._target: tuple[Array, Array] | None = None
         self._target_time = 0.0
+        self._motion: OperatorMotion | None = None
         self._stopped = True
 
     @property
@@ -95,6 +91,7 @@ class HandReference:
     def hold(self, position: Array, rotation: Array, time: float) -> None:
         """Rest at a pose from ``time`` on, whatever was before; not clamped."""
         self._target, self._target_time, self._stopped = (position, rotation), time, True
+        self._motion = OperatorMotion(self._config, position, rotation)
         value = np.concatenate((position, np.zeros(3)))
         self._segment = _Segment(time, 1.0, np.array([value, value]), np.zeros((2, 6)), rotation)
 
@@ -102,20 +99,17 @@ class HandReference:
         """Take a new set-point that arrived at ``time``."""
         config = self._config
         position = clamp_workspace(position, self._side, config)
-        if config.mode == "raw" or self._segment is None or self._target is None:
+        if config.mode == "raw" or self._segment is None or self._motion is None:
             self.hold(position, rotation, time)
             return
         elapsed = max(time - self._target_time, 0.5 * config.setpoint_period)
-        rate = np.zeros(6)
         if elapsed <= config.stale_after:
-            last_position, last_rotation = self._target
-            rate[:3] = clamp_norm(
-                (position - last_position) / elapsed, config.feedforward_speed_max
-            )
-            turned = rotation_vector(rotation @ last_rotation.T)
-            rate[3:] = clamp_norm(turned / elapsed, config.feedforward_rate_max)
+            self._motion.take(position, rotation, elapsed)
+        else:
+            self._motion = OperatorMotion(config, position, rotation)
+        motion = self._motion
         self._target, self._target_time, self._stopped = (position, rotation), time, False
-        self._go(position, rotation, rate, time)
+        self._go(motion.position, motion.rotation, motion.rate, time)
 
     def _go(self, position: Array, rotation: Array, rate: Array, time: float) -> None:
         now = self.at(time)

@@ -191,7 +191,7 @@ def test_the_workspace_is_the_controllers() -> None:
 def test_a_target_leaves_the_edge_of_the_workspace_where_it_met_it() -> None:
     far, back = np.array([9.0, 0.0, 0.0]), np.array([0.05, 0.0, 0.0])
     ingress = fed(sample(controller(np.zeros(3))), sample(controller(far)))
-    assert ingress.hands["left"].target.position[0] == pytest.approx(0.5)
+    assert ingress.hands["left"].target.position[0] == pytest.approx(0.56)
     ingress.take(sample(controller(back)), 2 * DT)
     rest = fed().hands["left"].target.position
     np.testing.assert_allclose(ingress.hands["left"].target.position, rest + back)

@@ -21,12 +21,12 @@ LIMITS = TargetLimits()
 DT = 0.05
 
 
-def test_workspace_box_is_the_public_one_seen_from_the_torso() -> None:
+def test_workspace_box_is_the_public_one_seen_from_the_torso_but_further() -> None:
     far = np.array([9.0, 9.0, 9.0])
     top, bottom = 0.40, -0.2 + BASE_COM_HEIGHT
-    np.testing.assert_allclose(LIMITS.clamp("left", far), [0.5, 0.45, top])
+    np.testing.assert_allclose(LIMITS.clamp("left", far), [0.56, 0.45, top])
     np.testing.assert_allclose(LIMITS.clamp("left", -far), [0.15, -0.10, bottom])
-    np.testing.assert_allclose(LIMITS.clamp("right", far), [0.5, 0.10, top])
+    np.testing.assert_allclose(LIMITS.clamp("right", far), [0.56, 0.10, top])
     np.testing.assert_allclose(LIMITS.clamp("right", -far), [0.15, -0.45, bottom])
 
 

@@ -227,7 +227,7 @@ def test_setpoints_reach_hands_grippers_and_neck() -> None:
     controller.set_setpoint(setpoint(left, right, closure=(0.25, 1.0), neck=9.0), 0.01)
     ahead = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
     assert np.array_equal(controller.hands[0].target[0], left)
-    assert controller.hands[1].target[0].tolist() == [0.5, -0.3, 0.2]
+    assert controller.hands[1].target[0].tolist() == [0.56, -0.3, 0.2]
     assert np.abs(controller.hands[0].target[1] - ahead).max() < 1e-12
     assert controller.gripper(nominal_state(0, HEIGHT)).tolist() == [0.25, 1.0]
     # The neck's target is kept inside its limit of 1.309 rad.

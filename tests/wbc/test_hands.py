@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from services.wbc.config import HandConfig
-from services.wbc.hands import HandReference, clamp_norm, clamp_workspace
+from services.wbc.hands import HandReference, clamp_workspace
+from services.wbc.operator_motion import OperatorMotion, clamp_norm
 from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
 from services.wbc.swing import PoseReference
 
@@ -48,17 +49,83 @@ def _sine(time: float) -> Pose:
     return _at_x(0.3 + 0.1 * np.sin(np.pi * time))
 
 
-def test_steady_motion_is_followed_without_lag() -> None:
+def test_steady_motion_is_followed_with_little_lag() -> None:
     """0.1 m at 0.5 Hz, 0.31 m/s: a period's lag alone would be 15.7 mm."""
     track = [(t, r) for t, r in _follow(_hand(), _sine, 6.0) if t > 1.0]
     errors = np.array([r.position[0] - _sine(t)[0][0] for t, r in track])
-    assert np.abs(errors).max() < 0.0035
-    assert np.abs(errors).mean() < 0.002
+    assert np.abs(errors).max() < 0.0065
+    assert np.abs(errors).mean() < 0.0023
     wanted = np.array([0.1 * np.pi * np.cos(np.pi * t) for t, _ in track])
     speeds = np.array([r.velocity[0] for _, r in track])
-    assert np.abs(speeds - wanted).max() < 0.09
-    # On the whole neither ahead nor behind: the error does not follow the velocity.
+    assert np.abs(speeds - wanted).max() < 0.2
+    assert np.abs(speeds - wanted).mean() < 0.03
+    # On the whole hardly behind: the error follows the velocity by less than 3 ms of it.
     assert abs(np.mean(errors * wanted) / np.mean(wanted**2)) < 0.003
+
+
+def test_without_averaging_there_is_no_lag() -> None:
+    track = _follow(_hand(config=HandConfig(tremor_gain=1.0)), _sine, 6.0)
+    errors = np.array([r.position[0] - _sine(t)[0][0] for t, r in track if t > 1.0])
+    assert np.abs(errors).max() < 0.0035
+    wanted = np.array([np.cos(np.pi * t) * 0.1 * np.pi for t, _ in track if t > 1.0])
+    assert abs(np.mean(errors * wanted) / np.mean(wanted**2)) < 0.003
+
+
+def _trembling(seed: int) -> Callable[[float], Pose]:
+    """0.8 mm and 0.006 rad an axis, 0.8 to 9 Hz."""
+    rng = np.random.default_rng(seed)
+    rates = 2.0 * np.pi * np.exp(rng.uniform(np.log(0.8), np.log(9.0), (6, 8)))
+    phases = rng.uniform(0.0, 2.0 * np.pi, (6, 8))
+
+    def pose(time: float) -> Pose:
+        tones = 0.5 * np.sin(rates * time + phases).sum(axis=1)
+        return HOME + 0.0008 * tones[:3], matrix_from_rotation_vector(0.006 * tones[3:])
+
+    return pose
+
+
+def _shaken(config: HandConfig) -> tuple[float, float]:
+    """Root mean square of linear and angular acceleration under tremor [m/s², rad/s²]."""
+    squares = [
+        (
+            float(r.acceleration[:3] @ r.acceleration[:3]),
+            float(r.acceleration[3:] @ r.acceleration[3:]),
+        )
+        for seed in range(4)
+        for t, r in _follow(_hand(config=config), _trembling(seed), 6.0)
+        if t > 1.0
+    ]
+    linear, angular = np.sqrt(np.mean(squares, axis=0))
+    return float(linear), float(angular)
+
+
+def test_trembling_is_mostly_left_out() -> None:
+    linear, angular = _shaken(CONFIG)
+    whole_linear, whole_angular = _shaken(HandConfig(tremor_gain=1.0))
+    assert linear < 0.25 * whole_linear
+    assert angular < 0.25 * whole_angular
+    # And the pose stays that of the steady hand.
+    track = [r for t, r in _follow(_hand(), _trembling(7), 6.0) if t > 1.0]
+    assert max(np.linalg.norm(r.position - HOME) for r in track) < 0.003
+
+
+def test_a_movement_is_taken_as_it_comes() -> None:
+    motion = OperatorMotion(CONFIG, HOME, AHEAD)
+    step = np.array([CONFIG.movement_ratio * CONFIG.tremor, 0.0, 0.0])
+    turned = matrix_from_rotation_vector(np.array([0.0, 0.0, 0.1]))
+    motion.take(HOME + step, turned, PERIOD)
+    assert motion.position == pytest.approx(HOME + step, abs=1e-15)
+    assert motion.rate[:3] == pytest.approx(step / PERIOD)
+    assert motion.rate[3:] == pytest.approx([0.0, 0.0, 0.1 / PERIOD])
+    assert np.abs(motion.rotation - turned).max() < 1e-15
+
+
+@pytest.mark.parametrize("speed", [0.005, 0.02, 0.05])
+def test_slow_motion_is_followed_without_lasting_lag(speed: float) -> None:
+    track = _follow(_hand(), lambda t: _at_x(0.3 + speed * t), 4.0)
+    errors = [abs(r.position[0] - 0.3 - speed * t) for t, r in track]
+    assert max(errors) < 0.005
+    assert max(errors[-100:]) < 2e-4
 
 
 def test_uniform_motion_is_followed_exactly() -> None:
@@ -69,7 +136,7 @@ def test_uniform_motion_is_followed_exactly() -> None:
             assert reference.velocity[0] == pytest.approx(0.15, abs=1e-6)
 
 
-def test_turning_is_followed_without_lag() -> None:
+def test_turning_is_followed_with_little_lag() -> None:
     axis = np.array([0.6, 0.0, 0.8])
 
     def pose(time: float) -> Pose:
@@ -78,9 +145,9 @@ def test_turning_is_followed_without_lag() -> None:
     for time, reference in _follow(_hand(), pose, 4.0):
         if time > 0.5:
             off = rotation_vector(pose(time)[1] @ reference.rotation.T)
-            assert np.linalg.norm(off) < 0.011
+            assert np.linalg.norm(off) < 0.035
             rate = 1.6 * np.cos(2.0 * time) * axis
-            assert np.abs(reference.velocity[3:] - rate).max() < 0.25
+            assert np.abs(reference.velocity[3:] - rate).max() < 0.6
 
 
 def test_angular_velocity_is_the_rate_of_the_rotation() -> None:
@@ -88,7 +155,7 @@ def test_angular_velocity_is_the_rate_of_the_rotation() -> None:
     track = _follow(_hand(), lambda t: (HOME, matrix_from_rotation_vector(t * t * up)), 1.2)
     for (_, a), (_, b) in pairwise(track):
         rate = rotation_vector(b.rotation @ a.rotation.T) / DT
-        assert np.abs(rate - 0.5 * (a.velocity + b.velocity)[3:]).max() < 0.003
+        assert np.abs(rate - 0.5 * (a.velocity + b.velocity)[3:]).max() < 0.007
 
 
 @pytest.mark.parametrize("turn", [0.3, 1.5, 2.9])
@@ -141,7 +208,7 @@ def test_a_far_setpoint_is_approached_at_limited_speed(move: float, turn: float)
 def test_references_stay_in_the_workspace() -> None:
     """But for the few millimetres that braking from 0.4 m/s takes."""
     track = _follow(_hand(), lambda t: _at_x(0.3 + 0.4 * t), 2.0)
-    assert max(reference.position[0] for _, reference in track) <= 0.5 + 0.005
+    assert max(reference.position[0] for _, reference in track) <= 0.56 + 0.005
 
 
 def test_a_late_setpoint_does_not_halt_the_hand() -> None:
@@ -164,11 +231,11 @@ def test_targets_stay_in_the_workspace(side: int) -> None:
     for k in range(200):
         hand.set(rng.uniform(-1.0, 1.0, 3), AHEAD, k * PERIOD)
         x, y, z = hand.target[0]
-        assert 0.15 <= x <= 0.50
+        assert 0.15 <= x <= 0.56
         assert -0.10 <= sign * y <= 0.45
         assert -0.15 <= z <= 0.50
     outside = np.array([0.9, sign * 0.9, -0.9])
-    corner = [0.50, sign * 0.45, -0.15]
+    corner = [0.56, sign * 0.45, -0.15]
     assert clamp_workspace(outside, side, CONFIG).tolist() == corner
     hand.set(outside, AHEAD, 100.0)
     hand.at(101.0)
@@ -215,7 +282,7 @@ def test_raw_mode_jumps() -> None:
     assert not reference.velocity.any()
     assert not reference.acceleration.any()
     hand.set(np.array([0.9, 0.1, 0.2]), turned, 1.05)
-    assert hand.at(9.0).position.tolist() == [0.5, 0.1, 0.2]
+    assert hand.at(9.0).position.tolist() == [0.56, 0.1, 0.2]
 
 
 def test_pose_and_velocity_are_continuous_across_setpoints() -> None:

@@ -10,12 +10,12 @@ from services.teleop.synthetic.arms import rotate_vector
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
 
-PRESSED = 0.42
-"""Lever angle that surely frees the bolt [rad]."""
+PRESSED = 0.5
+"""Lever angle that frees the bolt, with room for the lever to rise a little [rad]."""
 AJAR = 0.055
 """Leaf angle at which to stop pushing [rad]."""
-LEAD = 0.13
-"""How far the own hand may be ahead in contact [m]: the force, some 100 N/m, comes of it."""
+LEAD = 0.17
+"""How far the own hand may be ahead in contact [m]: the force, some 80 N/m, comes of it."""
 DOWN = (0.12, 0.0, -0.993)
 """A little forward: a pressed hand yields backward and would slip off the lever."""
 FURTHEST = 0.425

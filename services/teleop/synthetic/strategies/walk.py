@@ -16,6 +16,7 @@ def _goal(sight: Sight, ahead: float = 0.0, aside: float = 0.0) -> Place:
 def walk_to_door(person: Person) -> Act:
     """To the door, facing it; much nearer, a hand would touch the lever."""
     ahead, aside = person.vary(0.02, 0.01), person.vary(0.0, 0.015)
+    _goal(person.sight)  # It knows where to before it moves at all.
     yield from hands_in(person)
     yield from _walk(
         person, ahead, aside, Tolerance(0.07, math.radians(9.0)), by_rule=person.chance(0.5)
