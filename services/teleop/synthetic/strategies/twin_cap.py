@@ -14,7 +14,7 @@ def take_cap_off(person: Person) -> Act:
     """Take the cap off with two hands."""
     holder, puller = ("left", "right") if person.chance(0.5) else ("right", "left")
     person.note = "looking at the can"
-    person.gaze = 0.4
+    person.gaze = 0.75
     yield from person.react()
     yield from person.engage("left", "right")
     yield from grasp(person, holder, "can_grip", person.vary(0.0, 0.006))

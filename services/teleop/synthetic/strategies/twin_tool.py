@@ -15,7 +15,7 @@ SOLE = 0.02
 def tool_into_box(person: Person) -> Act:
     """Bring the tool into the box, reaching across or side-stepping."""
     person.note = "looking at the tool"
-    person.gaze = 0.4
+    person.gaze = 0.75
     yield from person.react()
     yield from person.engage("left", "right")
     for _ in range(3):
