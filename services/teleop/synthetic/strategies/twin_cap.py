@@ -20,7 +20,7 @@ def take_cap_off(person: Person) -> Act:
     yield from grasp(person, holder, "can_grip", person.vary(0.0, 0.006))
     for _ in range(3):
         yield from grasp(person, puller, "cap_grip", person.vary(0.004, 0.003))
-        yield from pull(person, puller)
+        yield from pull(person, puller, holder)
         if off(person.sight):
             break
         yield from person.grip(puller, 0.0)
@@ -63,15 +63,16 @@ def grasp(person: Person, side: str, thing: str, height: float) -> Act:
     return True
 
 
-def pull(person: Person, side: str) -> Act:
-    """Up, until the cap is seen to be off."""
+def pull(person: Person, side: str, holder: str) -> Act:
+    """Up, until the cap is seen to be off; the other hand keeps the can down."""
     person.note = "pulling the cap"
-    yield from person.push(
-        side,
-        lambda _: np.array([0.0, 0.0, 1.0]),
-        0.13,
-        speed=person.vary(0.08, 0.015),
-        until=off,
-        lead=0.1,
+    speed = person.vary(0.08, 0.015)
+    yield from person.together(
+        person.push(
+            side, lambda _: np.array([0.0, 0.0, 1.0]), 0.2, speed=speed, until=off, lead=0.14
+        ),
+        person.push(
+            holder, lambda _: np.array([0.0, 0.0, -1.0]), 0.1, speed=speed, until=off, lead=0.08
+        ),
     )
     return True
