@@ -15,13 +15,15 @@ from deploy.system import LOG_FILE
 
 if TYPE_CHECKING:
     from studies.latency.plan import Plan
+    from studies.latency.row import TrialRow
     from studies.latency.tlx import AnswerSheet, Scale
 
 ADD = """Take in the trials of a person from a recorded log: verdict, time and contacts as the same
 judge saw them, latencies as the services measured them, and how the hands moved. Every trial of the
 log whose verdict was reached counts, whatever it was, but what passed before the operator came; all
 of them were done under one condition. A trial is taken in once: participant, task, condition and
-seed tell it. Then write the report anew: trill study latency --report DIR."""
+seed tell it. A log whose latencies are not those of the condition is refused; --anyway takes it in.
+Then write the report anew: trill study latency --report DIR."""
 ADD_EXAMPLES = """examples:
   trill up --task door/unlock --seed 3 --latency command=250ms          in one terminal
   python -m services.teleop keyboard                                    in another, or a headset
@@ -52,6 +54,11 @@ def add_commands(commands: Any, root: Path) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add.add_argument("log", type=Path, help="the run's directory or its log")
+    add.add_argument(
+        "--anyway",
+        action="store_true",
+        help="also where measured latencies are not the condition's",
+    )
     add.set_defaults(study=_add)
     tlx = commands.add_parser(
         "tlx",
@@ -96,6 +103,8 @@ def _add(arguments: argparse.Namespace) -> int:
         rows = trials_of(
             LogReader(path), arguments.participant, condition, lambda: progress.advance(bar)
         )
+    if not arguments.anyway:
+        _check_latencies(path, rows)
     known = {row.key for row in store.human_rows()}
     for row in rows:
         if row.task not in plan.tasks:
@@ -116,6 +125,20 @@ def _add(arguments: argparse.Namespace) -> int:
             f"{1e3 * row.command.asked_mean:.0f} ms, measured {late}"
         )
     return 0
+
+
+def _check_latencies(path: Path, rows: "list[TrialRow]") -> None:
+    from studies.latency.errors import LatencyStudyError
+
+    for row in rows:
+        for name, take in (("command", row.command), ("feedback", row.feedback)):
+            if not take.agrees:
+                raise LatencyStudyError(
+                    f"{path}: {row.task} seed {row.seed}: condition {row.condition} asks for "
+                    f"{1e3 * take.asked_mean:.0f} ms of {name} latency, measured were "
+                    f"{1e3 * (take.mean or 0.0):.0f} ms; is it the log of another condition? "
+                    "--anyway takes it in all the same"
+                )
 
 
 def _tlx(arguments: argparse.Namespace) -> int:

@@ -35,10 +35,14 @@ def write_whole(path: Path, content: bytes) -> None:
 def append_line(path: Path, text: str) -> None:
     """Append a line; on the disk when this returns. A torn last line is taken away before.
 
+    Several processes may do so at once.
+
     Raises:
         OSError: it cannot be written.
     """
     with path.open("a+b") as file:
+        # Without it a line that another one is writing would be taken for torn.
+        fcntl.flock(file, fcntl.LOCK_EX)
         file.seek(0)
         content = file.read()
         whole = content.rfind(b"\n") + 1

@@ -15,6 +15,11 @@ class _Record(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+_OWN = 0.05
+"""The system itself takes this long at most, between two machines too [s]."""
+_SHARE = 0.25
+
+
 class LinkTake(_Record):
     """Latency of one direction: asked for, and what the consumer got.
 
@@ -34,6 +39,14 @@ class LinkTake(_Record):
     p99: float | None = None
     used: int = Field(default=0, ge=0)
     lost: int = Field(default=0, ge=0)
+
+    @property
+    def agrees(self) -> bool:
+        """Whether what was measured can be what was asked for."""
+        if self.mean is None:
+            return True
+        jitter = self.asked_p99 - self.asked_mean
+        return abs(self.mean - self.asked_mean) <= _OWN + _SHARE * self.asked_mean + jitter
 
 
 class Touched(_Record):

@@ -28,7 +28,7 @@ from studies.latency.conditions import standard
 from studies.latency.errors import LatencyStudyError
 from studies.latency.fromlog import trials_of
 from studies.latency.plan import Cell
-from studies.latency.row import TrialRow
+from studies.latency.row import LinkTake, TrialRow
 from studies.latency.store import Store
 from studies.latency.trial import run_cell
 from studies.tasks.stack import TaskStack
@@ -132,6 +132,39 @@ def test_a_persons_log_is_taken_in_once(
     store = Store(Path(root))
     assert [row.key for row in store.human_rows()] == [("P01", UNLOCK, "latency-250", 0)]
     assert store.rows() == []
+
+
+def test_a_log_of_another_condition_is_refused(
+    log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = str(tmp_path / "study")
+    assert main(["study", "latency", "--episodes", "0", "--out", root]) == 0
+    words = ["study", "add", str(log), "--participant", "P01", "--out", root, "--condition"]
+    for wrong, asked in (("latency-500", 500), ("interpolation", 0)):
+        assert main([*words, wrong]) == 1
+        told = capsys.readouterr().err
+        assert f"{wrong} asks for {asked} ms of command latency, measured were 25" in told
+        assert Store(Path(root)).human_rows() == []
+    assert main([*words, "latency-500", "--anyway"]) == 0
+    assert len(Store(Path(root)).human_rows()) == 1
+
+
+@pytest.mark.parametrize(
+    ("asked", "p99", "mean", "agrees"),
+    [
+        (0.25, 0.25, 0.30, True),
+        (0.25, 0.25, 0.40, False),
+        (0.25, 0.25, 0.12, False),
+        (0.0, 0.0, 0.04, True),
+        (0.0, 0.0, 0.06, False),
+        (0.122, 0.9, 0.5, True),
+        (0.25, 0.25, None, True),
+    ],
+)
+def test_latencies_agree_with_their_condition(
+    asked: float, p99: float, mean: float | None, agrees: bool
+) -> None:
+    assert LinkTake(asked_mean=asked, asked_p99=p99, mean=mean).agrees is agrees
 
 
 class Told(LogReader):
