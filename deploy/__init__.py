@@ -1,1 +1,1 @@
-"""How the services are brought up: the command line, the supervisor, the live table."""
+"""How the services are brought up, watched and looked back on; the command line is in cli/."""

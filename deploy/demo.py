@@ -4,12 +4,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from deploy.board import View
 from deploy.launch import Ended, Running, Verdict, running_system
-from deploy.monitor import TICK, Screen, Watch
 from deploy.process import Exit
 from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
 from deploy.task_judge import TaskJudge
+from deploy.watch.board import View
+from deploy.watch.monitor import TICK, Screen, Watch
 from services.teleop.library import ScriptOptions, script_named
 
 DEMONSTRATION = "demo"

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 
 from deploy.errors import DeployError
 from deploy.launch import Ended, Verdict, running_system
-from deploy.monitor import TICK, Screen, Watch
 from deploy.new_trials import TrialBeginner
 from deploy.process import Exit
 from deploy.supervisor import Supervisor
 from deploy.system import SystemOptions, keyboard_operator, terminal
+from deploy.watch.monitor import TICK, Screen, Watch
 
 
 def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:

@@ -8,7 +8,7 @@ from pathlib import Path
 from common.bus.config import BusConfig
 from deploy.ports import reserve_base_port
 from deploy.process import ProcessSpec, terminated_as_interrupted
-from deploy.run_summary import Outcome
+from deploy.review.run_summary import Outcome
 from deploy.supervisor import Supervisor
 from deploy.system import SystemOptions, bus_of, environment, new_run_dir, robot_processes
 

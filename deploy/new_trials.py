@@ -9,7 +9,7 @@ from common.bus.publisher import Publisher
 from common.bus.session import new_boot_id
 from common.schemas import PlantAction, PlantRequest, TaskStatus, TaskVerdict
 from common.topics import PLANT_REQUEST
-from deploy.board import View
+from deploy.watch.board import View
 
 SOURCE: Final = "up"
 """Of the resets; see :func:`was_nobodys`."""

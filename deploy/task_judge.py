@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Final
 
 from common.schemas import TaskStatus, TaskVerdict
-from deploy.board import View
 from deploy.launch import Verdict
 from deploy.process import Exit
-from deploy.run_summary import Outcome
+from deploy.review.run_summary import Outcome
+from deploy.watch.board import View
 
 AFTERMATH: Final = 1.5
 """How long a verdict is watched before everything stops [s]."""

@@ -18,7 +18,7 @@ from rich.table import Table
 
 from common.bus.linkspec import LinkSpec
 from common.errors import TrillError
-from deploy.delay_plot import Panel, write_histograms
+from deploy.review.delay_plot import Panel, write_histograms
 from studies.links import simulated
 from studies.links.live import bench
 from studies.links.takes import Result, Takes

@@ -173,7 +173,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def film(arguments: argparse.Namespace) -> int:
     """Show a success of each task; 1 if one had none."""
-    from deploy.tasks_text import sheet_name
+    from deploy.watch.tasks_text import sheet_name
     from studies.tasks.film import record, write_sheet
 
     out: Path = arguments.out

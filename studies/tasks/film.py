@@ -8,9 +8,9 @@ import cv2
 from common.errors import TrillError
 from common.schemas import Message
 from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, Topic
-from deploy.film import Film, gather
-from deploy.frames import Image
-from deploy.task_sheet import TILE, headline, task_sheet
+from deploy.review.film import Film, gather
+from deploy.review.frames import Image
+from deploy.review.task_sheet import TILE, headline, task_sheet
 from services.sim.cameras import CameraConfig, StereoRenderer
 from services.sim.scenes import find_scene
 from studies.tasks.links import links_words

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from deploy.cli import main
+from deploy.cli.main import main
 from studies.collect.check import check
 from studies.collect.columns import Rows
 from studies.collect.dataset import Build

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.cli import main
+from deploy.cli.main import main
 from studies.collect.collect import collect
 from studies.collect.episode import make_episode
 from studies.collect.store import Store
@@ -96,7 +96,7 @@ def test_the_command_line_is_there_without_what_collecting_needs() -> None:
     code = (
         "import sys\n"
         "for name in ('mujoco', 'h5py', 'pinocchio', 'cv2', 'ray'): sys.modules[name] = None\n"
-        "import argparse, deploy.collect_cli as c\n"
+        "import argparse, deploy.cli.collect as c\n"
         "parser = argparse.ArgumentParser(); c.add_arguments(parser)\n"
         "from common.errors import ConfigError\n"
         "try: c.run(parser.parse_args(['door/unlock']))\n"

@@ -5,7 +5,7 @@ import argparse
 import pytest
 
 from common.errors import TrillError
-from deploy.collect_cli import _recipe, add_arguments
+from deploy.cli.collect import _recipe, add_arguments
 from studies.collect.recipe import Recipe
 from studies.tasks.links import links_used
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import pytest
 
-from deploy.cli import main
+from deploy.cli.main import main
 from studies.datasets.lerobot import is_lerobot
 from studies.datasets.robomimic import is_robomimic
 from tests.datasets.support import VERDICT, make
@@ -108,7 +108,7 @@ def test_the_missing_extra_is_named() -> None:
     code = (
         "import sys\n"
         "for name in ('av', 'pyarrow', 'h5py', 'cv2', 'mujoco'): sys.modules[name] = None\n"
-        "from deploy.cli import main\n"
+        "from deploy.cli.main import main\n"
         "sys.modules['cv2'] = sys.modules['h5py'] = sys\n"
         "raise SystemExit(main(['dataset', 'export', 'x', '--format', 'lerobot']))\n"
     )

@@ -36,7 +36,7 @@ from common.topics import (
     WBC_STATE,
     Topic,
 )
-from deploy.scoring import FEET_AHEAD_OF_TORSO
+from deploy.review.scoring import FEET_AHEAD_OF_TORSO
 
 Pair = tuple[Topic[Any], Message]
 MS = 1_000_000

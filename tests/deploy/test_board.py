@@ -11,8 +11,8 @@ from common.bus.keys import key_of
 from common.bus.tap import RawSample
 from common.schemas import Header, Heartbeat, LinkHealth, OperatorStatus, PeerHealth, StageTime
 from common.topics import HEALTH, HEARTBEAT, PLANT_STATE, PLANT_STATUS, TELEOP_STATUS
-from deploy.board import DEAD_AFTER, WINDOW, Board, View
-from deploy.table import Show, draw, line, share
+from deploy.watch.board import DEAD_AFTER, WINDOW, Board, View
+from deploy.watch.table import Show, draw, line, share
 from tests.bus.support import health as example_health
 from tests.deploy.synthetic import Life, Pair
 

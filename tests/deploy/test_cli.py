@@ -11,11 +11,12 @@ import pytest
 from common.bus.wire import wire_header
 from common.schemas import Gait
 from common.topics import TELEOP_GAIT
-from deploy import drive, report
-from deploy.cli import COMMANDS, main
+from deploy import drive
+from deploy.cli.main import COMMANDS, main
 from deploy.launch import Verdict
-from deploy.report import file_lines, known_verdict, report_lines, write_summary
-from deploy.summary import summarise
+from deploy.review import report
+from deploy.review.report import file_lines, known_verdict, report_lines, write_summary
+from deploy.review.summary import summarise
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
 from services.logger.sink import McapSink
@@ -206,7 +207,7 @@ def test_the_command_runs_from_anywhere(tmp_path: Path) -> None:
 
 def test_a_viewers_machine_needs_neither_physics_nor_solvers() -> None:
     code = (
-        "import sys, deploy.cli; "
+        "import sys, deploy.cli.main; "
         "print(sorted({'mujoco', 'pinocchio', 'osqp', 'daqp', 'rerun'} & set(sys.modules)))"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -229,7 +230,7 @@ def test_what_a_command_lacks_is_named(command: list[str]) -> None:
     program = (
         "import sys\n"
         "sys.modules |= dict.fromkeys(('mujoco', 'pinocchio', 'h5py', 'matplotlib', 'av'))\n"
-        "from deploy.cli import main\n"
+        "from deploy.cli.main import main\n"
         f"sys.exit(main({command!r}))\n"
     )
     ended = subprocess.run(

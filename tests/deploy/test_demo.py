@@ -11,12 +11,12 @@ import pytest
 
 from common.schemas import OperatorStatus
 from deploy import launch
-from deploy.board import View
 from deploy.demo import FALL_AFTERMATH, Judge
 from deploy.errors import DeployError
 from deploy.launch import Verdict, running_system
 from deploy.process import Exit, ProcessSpec, tail
 from deploy.system import SystemOptions, new_run_dir, robot_processes
+from deploy.watch.board import View
 from tests.deploy.synthetic import Life
 
 NOTHING: list[tuple[Exit, bool]] = []

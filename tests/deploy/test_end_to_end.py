@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.run_summary import RunSummary
+from deploy.review.run_summary import RunSummary
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = {

@@ -6,9 +6,9 @@ import numpy as np
 
 from common.schemas import CameraFrame, Gait, OperatorStatus
 from common.topics import CAMERA_LEFT, PLANT_TRUTH, TELEOP_STATUS
-from deploy.film import MOST_PICTURES, RATE, Film, frame_step, gather, moments, picture_at
-from deploy.path_plot import plot_path
-from deploy.scoring import commanded_motions
+from deploy.review.film import MOST_PICTURES, RATE, Film, frame_step, gather, moments, picture_at
+from deploy.review.path_plot import plot_path
+from deploy.review.scoring import commanded_motions
 from services.wbc.config import GaitConfig
 from tests.deploy.synthetic import MS, Life, Pair
 

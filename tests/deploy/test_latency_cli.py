@@ -18,7 +18,7 @@ from common.bus.linkclient import everybody
 from common.bus.links import Links
 from common.bus.session import open_session
 from common.errors import ConfigError
-from deploy.cli import main
+from deploy.cli.main import main
 from deploy.latency import links_text, system_links, variable_with, warnings
 from deploy.system import environment
 from tests.bus.support import free_base_port

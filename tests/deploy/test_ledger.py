@@ -16,11 +16,11 @@ from common.bus.keys import key_of
 from common.bus.ledger import STAGES, Ledger
 from common.schemas import Header, LinkChange, LinkHealth, Message, StepJournal, Stream
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE, Topic
-from deploy.cli import main
+from deploy.cli.ledger import as_text
+from deploy.cli.main import main
 from deploy.errors import DeployError
-from deploy.ledger_cli import as_text
-from deploy.ledger_log import ledger_table, write_csv
-from deploy.ledger_text import short_ms, stage_cells
+from deploy.logs.ledger_log import ledger_table, write_csv
+from deploy.watch.ledger_text import short_ms, stage_cells
 from services.logger.reader import Entry
 from tests.bus.support import health as example_health
 
@@ -242,7 +242,7 @@ def test_csv_has_every_stage(tmp_path: Path) -> None:
 def test_command_writes_table_and_plot(
     tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deploy.ledger_cli.LogReader", lambda _path: full_log())
+    monkeypatch.setattr("deploy.cli.ledger.LogReader", lambda _path: full_log())
     plot = tmp_path / "ledger.png"
     assert main(["ledger", "any.mcap", "--from", "1", "--plot", str(plot)]) == 0
     assert "teleop/setpoint > wbc" in capsys.readouterr().out
@@ -269,6 +269,6 @@ def test_mistakes_are_explained(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if arguments[0] == "any.mcap":
-        monkeypatch.setattr("deploy.ledger_cli.LogReader", lambda _path: full_log())
+        monkeypatch.setattr("deploy.cli.ledger.LogReader", lambda _path: full_log())
     assert main(["ledger", *arguments]) == code
     assert complaint in capsys.readouterr().err

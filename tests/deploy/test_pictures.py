@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from common.schemas import Gait
-from deploy import task_sheet
 from deploy.errors import DeployError
-from deploy.film import Film, gather
-from deploy.frames import caption
-from deploy.pictures import COLUMNS, TILE, VIDEO, write_contact_sheet, write_video
-from deploy.report import draw_pictures
-from deploy.scoring import commanded_motions
+from deploy.review import task_sheet
+from deploy.review.film import Film, gather
+from deploy.review.frames import caption
+from deploy.review.pictures import COLUMNS, TILE, VIDEO, write_contact_sheet, write_video
+from deploy.review.report import draw_pictures
+from deploy.review.scoring import commanded_motions
 from services.sim.errors import RenderingUnavailableError
 from services.sim.render import render_states
 from services.wbc.config import GaitConfig

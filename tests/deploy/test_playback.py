@@ -20,9 +20,9 @@ from common.bus.tap import RawSample, RawTap
 from common.bus.wire import wire_header
 from common.schemas import Header, Message
 from common.topics import PLANT_STATE, TELEOP_GAIT, Topic
-from deploy.cli import main
+from deploy.cli.main import main
 from deploy.errors import DeployError
-from deploy.playback import Extent, Player, PlayOptions, extent_of, play
+from deploy.logs.playback import Extent, Player, PlayOptions, extent_of, play
 from services.logger.config import LoggerConfig
 from services.logger.reader import Entry, LogReader
 from services.logger.sink import McapSink
@@ -135,8 +135,8 @@ def test_the_way_to_the_window_is_not_made_up_for(
             wall.now += 0.05 if entry.log_time < 10**9 + 500 * MS else 0.0
             yield entry
 
-    monkeypatch.setattr("deploy.playback.time", wall)
-    monkeypatch.setattr("deploy.playback.LogReader.entries", slowly)
+    monkeypatch.setattr("deploy.logs.playback.time", wall)
+    monkeypatch.setattr("deploy.logs.playback.LogReader.entries", slowly)
     player = Player(None, path, Extent("draco3", 10**9, 2 * 10**9), options(port, window=(0.5, 9)))
     monkeypatch.setattr(player, "_publish", lambda e: sent.append((wall.now, e.log_time)))
     looks = len([place for place in player.play() if place == 0.5])

@@ -11,7 +11,7 @@ from common.bus.tap import RawSample
 from common.bus.wire import wire_header
 from common.schemas import StepJournal
 from common.topics import JOURNAL
-from deploy.cli import main
+from deploy.cli.main import main
 from services.logger.config import LoggerConfig
 from services.logger.reader import Entry, LogReader
 from services.logger.sink import McapSink

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy.cli import main
-from deploy.replay_check import lives_in
+from deploy.cli.main import main
+from deploy.logs.replay_check import lives_in
 from tests.bus.support import free_base_port
 
 ROOT = Path(__file__).parents[2]

@@ -6,10 +6,10 @@ import pytest
 
 from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE
-from deploy.run_summary import RunSummary
-from deploy.scoring import Pose2, commanded_motions
-from deploy.summary import summarise
-from deploy.summary_readers import LogFindings, spread
+from deploy.review.run_summary import RunSummary
+from deploy.review.scoring import Pose2, commanded_motions
+from deploy.review.summary import summarise
+from deploy.review.summary_readers import LogFindings, spread
 from services.wbc.config import GaitConfig
 from tests.deploy.synthetic import MS, Life
 

@@ -8,9 +8,16 @@ import pytest
 
 from common.schemas import CameraFrame, TaskStatus
 from common.topics import CAMERA_LEFT
-from deploy.film import Film, gather
-from deploy.pictures import VIDEO, write_contact_sheet, write_video
-from deploy.task_sheet import COLUMNS, TILE, headline, recorded_eye, scene_pictures, task_sheet
+from deploy.review.film import Film, gather
+from deploy.review.pictures import VIDEO, write_contact_sheet, write_video
+from deploy.review.task_sheet import (
+    COLUMNS,
+    TILE,
+    headline,
+    recorded_eye,
+    scene_pictures,
+    task_sheet,
+)
 from services.sim.errors import RenderingUnavailableError
 from services.sim.render import render_states
 from services.sim.scenes import SCENES

@@ -7,18 +7,18 @@ import pytest
 from rich.console import Console
 
 from common.schemas import PlantStatus, TaskStatus, TaskVerdict
-from deploy.board import Board, ServiceRow, View
 from deploy.demo import DemoOptions, Judge, _judge
-from deploy.film import gather
 from deploy.new_trials import NewTrials
 from deploy.process import Exit
-from deploy.report import report_lines
-from deploy.run_summary import RunSummary
-from deploy.summary import summarise
+from deploy.review.film import gather
+from deploy.review.report import report_lines
+from deploy.review.run_summary import RunSummary
+from deploy.review.summary import summarise
+from deploy.review.task_film import standing_at, task_moments, trial_seconds
 from deploy.system import SystemOptions, synthetic_operator
-from deploy.table import draw, line
-from deploy.task_film import standing_at, task_moments, trial_seconds
 from deploy.task_judge import AFTERMATH, PATIENCE, TaskJudge
+from deploy.watch.board import Board, ServiceRow, View
+from deploy.watch.table import draw, line
 from tests.deploy.synthetic import Life, Pair
 from tests.deploy.task_life import health, operator, reset_by, stand, status, unlocked
 from tests.deploy.test_board import sample

@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from common.errors import ConfigError
-from deploy.cli import main
+from deploy.cli.main import main
 from studies.latency.errors import LatencyStudyError
 from studies.latency.plan import Plan
 from studies.latency.report import write_report

@@ -8,8 +8,8 @@ import pytest
 from pydantic import ValidationError
 
 from common.errors import ConfigError
-from deploy.cli import main
-from deploy.study_human import ask
+from deploy.cli.main import main
+from deploy.cli.study_human import ask
 from studies.latency.errors import LatencyStudyError
 from studies.latency.store import Store
 from studies.latency.tlx import (

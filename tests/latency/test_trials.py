@@ -18,7 +18,7 @@ from common.schemas import (
     UndesiredContact,
 )
 from common.topics import PLANT_REQUEST, TASK_STATUS, Topic
-from deploy.cli import main
+from deploy.cli.main import main
 from services.logger.config import LoggerConfig
 from services.logger.errors import LoggerError
 from services.logger.reader import LogReader

@@ -18,7 +18,7 @@ from common.bus.session import open_session
 from common.schemas import EpisodeAction, Gait, GaitRequest
 from common.topics import CAMERA_LEFT, EPISODE, HEALTH, TELEOP_GAIT
 from deploy.errors import DeployError
-from deploy.mark import mark
+from deploy.logs.mark import mark
 from deploy.ports import reserve_base_port
 from services.logger import service
 from services.logger.attach import find_robot
@@ -260,7 +260,7 @@ def test_excluded_topics_are_not_recorded_and_late_ones_are(
 def test_marks_are_numbered_recorded_and_confirmed(
     bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("deploy.mark.PATIENCE_S", 20.0)
+    monkeypatch.setattr("deploy.logs.mark.PATIENCE_S", 20.0)
     log = tmp_path / "log.mcap"
     me = guest(bus)
     with Running(Order(bus, log, LoggerConfig()), monkeypatch) as running:
@@ -282,7 +282,7 @@ def test_marks_are_numbered_recorded_and_confirmed(
         (1, "again", "interrupted"),
         (2, "slipped", "discarded"),
     ]
-    monkeypatch.setattr("deploy.mark.PATIENCE_S", 0.3)
+    monkeypatch.setattr("deploy.logs.mark.PATIENCE_S", 0.3)
     with pytest.raises(DeployError, match="no recorder of draco3 answers"):
         mark(me, EpisodeAction.START)
     assert EPISODE.name == "episode"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from deploy import logs_cli
-from deploy.cli import main
+from deploy.cli import logs
+from deploy.cli.main import main
 from services.logger.reader import LogReader
 from tests.logger.support import END, START, gait, link, mark, picture, record
 
@@ -52,7 +52,7 @@ def test_further_tables_read_the_log(
     def count(reader: LogReader) -> str:
         return f"ledger of {sum(1 for _ in reader.entries())} messages"
 
-    monkeypatch.setitem(logs_cli.TABLES, "ledger", count)
+    monkeypatch.setitem(logs.TABLES, "ledger", count)
     assert main(["info", str(run), "--table", "ledger"]) == 0
     assert "ledger of 8 messages" in capsys.readouterr().out
 

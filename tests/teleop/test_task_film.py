@@ -5,7 +5,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from deploy.film import gather
+from deploy.review.film import gather
 from services.sim.errors import RenderingUnavailableError
 from studies.tasks.__main__ import main
 from studies.tasks.film import LARGEST, FilmError, write_sheet

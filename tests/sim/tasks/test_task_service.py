@@ -241,8 +241,8 @@ def test_objects_of_another_scene_are_refused() -> None:
 
 
 def test_the_command_line_knows_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
-    from deploy.cli import main
-    from deploy.tasks_text import describe, physics_table
+    from deploy.cli.main import main
+    from deploy.watch.tasks_text import describe, physics_table
 
     assert main(["tasks"]) == 0
     assert "twin/cap" in capsys.readouterr().out

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from common.schemas import TaskStatus, TaskVerdict
-from deploy.film import Film, Moment, trial_of
+from deploy.review.film import Film, Moment, trial_of
 
 START = "start"
 

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError
-from deploy import latency_cli
-from deploy.commands import Command
+from deploy.cli import latency
+from deploy.cli.commands import Command
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import SystemOptions
@@ -77,7 +77,7 @@ def _system(parser: argparse.ArgumentParser) -> None:
         help="of noise, the task's start and the synthetic operator (0)",
     )
     bus_options(parser, "first port of the system (standard: a free block is found)")
-    latency_cli.add_latency_option(parser)
+    latency.add_latency_option(parser)
 
 
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -176,7 +176,7 @@ def _up(arguments: argparse.Namespace) -> int:
 
 def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, video: bool) -> int:
     """Sum up a run; exit code 0 only if it was completed."""
-    from deploy.report import finish
+    from deploy.review.report import finish
 
     if ended.verdict.outcome != "completed":
         # Said at once: if there is no log to read, this is why.

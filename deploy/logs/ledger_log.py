@@ -17,7 +17,7 @@ from common.errors import SchemaError
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE
 from deploy.errors import DeployError
-from deploy.ledger_text import LEGEND, add_stages, plain_table, stage_cells, styled
+from deploy.watch.ledger_text import LEGEND, add_stages, plain_table, stage_cells, styled
 from services.logger.reader import Entry, LogReader
 
 _SCHEMAS: dict[str, Any] = {

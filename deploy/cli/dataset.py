@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
-from deploy.commands import Command
+from deploy.cli.commands import Command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.schemas import Gait
-from deploy.film import Film
-from deploy.scoring import Pose2, planar_pose
+from deploy.review.film import Film
+from deploy.review.scoring import Pose2, planar_pose
 
 _PAPER, _GRID, _TEXT = (248, 248, 246), (222, 222, 218), (90, 90, 90)
 _SWAY, _WALKED, _COMMANDED = (176, 196, 222), (20, 80, 170), (214, 96, 30)

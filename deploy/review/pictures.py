@@ -12,12 +12,12 @@ import numpy as np
 
 from common.schemas import Gait
 from deploy.errors import DeployError
-from deploy.film import RATE, Film, Moment, frame_step, moments, picture_at
-from deploy.frames import Image, Progress, caption, decoded, fitted
-from deploy.path_plot import plot_path
-from deploy.scoring import Pose2
-from deploy.task_film import standing_at
-from deploy.task_sheet import headline, recorded_eye, scene_pictures, task_sheet
+from deploy.review.film import RATE, Film, Moment, frame_step, moments, picture_at
+from deploy.review.frames import Image, Progress, caption, decoded, fitted
+from deploy.review.path_plot import plot_path
+from deploy.review.scoring import Pose2
+from deploy.review.task_film import standing_at
+from deploy.review.task_sheet import headline, recorded_eye, scene_pictures, task_sheet
 from services.sim.render import FollowCamera, contact_sheet
 
 TILE = (480, 270)

@@ -16,7 +16,7 @@ from common.schemas import (
     ServiceHealth,
 )
 from common.topics import Topic
-from deploy.run_summary import (
+from deploy.review.run_summary import (
     PlantTally,
     ServiceTiming,
     Spread,

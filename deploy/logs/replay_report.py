@@ -12,7 +12,7 @@ from rich.table import Table
 from common.errors import ConfigError, TrillError
 from common.runtime.lives import Life
 from common.runtime.replay_report import Report
-from deploy.replay_check import Checker, CheckOptions, chosen, lives_in
+from deploy.logs.replay_check import Checker, CheckOptions, chosen, lives_in
 
 
 def check(path: Path, options: CheckOptions) -> int:

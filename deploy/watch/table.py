@@ -1,4 +1,4 @@
-"""Draws a :class:`deploy.board.View`: as a rich table that fits its terminal, or as a plain line.
+"""Draws a :class:`deploy.watch.board.View`: as a rich table that fits, or as a plain line.
 
 Where not everything fits, topics and ledger share what the rest leaves: topics in trouble come
 first and the system's own last, in the ledger the operator's set-points and pictures come first,
@@ -27,9 +27,9 @@ from common.topics import (
     TELEOP_SETPOINT,
     WBC_COMMAND,
 )
-from deploy.board import InputRow, PeerRow, ServiceRow, TopicRow, View
-from deploy.ledger_text import add_stages, plain_table, short_ms, stage_cells, styled
-from deploy.task_text import task_line, task_words
+from deploy.watch.board import InputRow, PeerRow, ServiceRow, TopicRow, View
+from deploy.watch.ledger_text import add_stages, plain_table, short_ms, stage_cells, styled
+from deploy.watch.task_text import task_line, task_words
 
 SILENCE = "nothing heard yet (services take some seconds to start; is this the right base port?)"
 BAD, GOOD, DIM, ODD = "bold red", "green", "dim", "yellow"

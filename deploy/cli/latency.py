@@ -12,7 +12,7 @@ from common.bus.linknames import LinkName, alias_help, parse_name
 from common.bus.links import checked_spec
 from common.bus.linkspec import PRESETS, LinkSpec
 from common.errors import ConfigError
-from deploy.commands import Command
+from deploy.cli.commands import Command
 from deploy.errors import DeployError
 from deploy.system import bus_of
 
@@ -203,7 +203,7 @@ def _explain(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from common.bus.predict import advice, predict
-    from deploy.latency_text import prediction_table, prediction_words
+    from deploy.watch.latency_text import prediction_table, prediction_words
 
     if not arguments.rate > 0.0:
         raise ConfigError(f"--rate: expected messages per second above 0, got {arguments.rate:g}")
@@ -214,7 +214,7 @@ def _explain(arguments: argparse.Namespace) -> int:
     if warning := advice(told):
         print(f"warning: {warning}")
     if arguments.plot is not None:
-        from deploy.delay_plot import Panel, write_histograms
+        from deploy.review.delay_plot import Panel, write_histograms
 
         marks = (("asked mean", told.requested.mean), ("mean", told.predicted.mean))
         title = f"{told.spec}  at {told.rate:g} messages/s"
@@ -232,7 +232,7 @@ def _name(text: str) -> LinkName:
 def _print_links(replies: Any) -> None:
     from rich.console import Console
 
-    from deploy.latency_text import links_table
+    from deploy.watch.latency_text import links_table
 
     Console(width=None if sys.stdout.isatty() else 140).print(links_table(replies))
 

@@ -10,14 +10,14 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from common.bus.keys import topic_of
 from common.errors import TrillError
 from deploy.errors import DeployError
-from deploy.film import Film, gather
 from deploy.launch import Ended, Verdict
-from deploy.run_summary import RunSummary, ServiceTiming
-from deploy.scoring import commanded_motions
-from deploy.summary import summarise
-from deploy.summary_readers import LogFindings
+from deploy.review.film import Film, gather
+from deploy.review.run_summary import RunSummary, ServiceTiming
+from deploy.review.scoring import commanded_motions
+from deploy.review.summary import summarise
+from deploy.review.summary_readers import LogFindings
+from deploy.review.task_summary import trial_lines
 from deploy.system import LOG_FILE, versions
-from deploy.task_summary import trial_lines
 from services.logger.reader import LogReader
 from services.wbc.config import GaitConfig
 
@@ -92,7 +92,7 @@ def draw_pictures(run_dir: Path, *, video: bool) -> list[str]:
     Pictures are a bonus: without a graphics library the run is as good, so nothing is raised.
     """
     try:
-        from deploy.pictures import write_contact_sheet, write_video
+        from deploy.review.pictures import write_contact_sheet, write_video
     except ImportError as error:
         return [f"no pictures: {error}; install the extras with  pip install -e '.[deploy,sim]'"]
     film: Film = gather(LogReader(run_dir / LOG_FILE).messages())

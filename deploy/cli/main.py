@@ -6,19 +6,19 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from deploy import (
-    collect_cli,
-    dataset_cli,
-    latency_cli,
-    ledger_cli,
-    logs_cli,
-    replay_cli,
-    study_cli,
-    system_cli,
-    tasks_cli,
+from deploy.cli import (
+    collect,
+    dataset,
+    export,
+    latency,
+    ledger,
+    logs,
+    replay,
+    study,
+    system,
+    tasks,
 )
-from deploy import export_cli as ex
-from deploy.commands import Command
+from deploy.cli.commands import Command
 from deploy.launch import Ended
 from deploy.system import LOG_FILE, RUNS, bus_of
 
@@ -84,7 +84,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _top_arguments(parser: argparse.ArgumentParser) -> None:
-    system_cli.bus_options(parser, "of the system to watch (7448, or TRILL_BASE_PORT)")
+    system.bus_options(parser, "of the system to watch (7448, or TRILL_BASE_PORT)")
     parser.add_argument("--robot", help="its name (draco3, or TRILL_ROBOT)")
     part = parser.add_mutually_exclusive_group()
     part.add_argument("--topics", action="store_true", help="show nothing but all topics")
@@ -94,8 +94,8 @@ def _top_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _top(arguments: argparse.Namespace) -> int:
-    from deploy.monitor import watch
-    from deploy.table import Show
+    from deploy.watch.monitor import watch
+    from deploy.watch.table import Show
 
     bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
     show = Show.TOPICS if arguments.topics else Show.LEDGER if arguments.ledger else Show.ALL
@@ -111,7 +111,7 @@ def _report_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _report(arguments: argparse.Namespace) -> int:
-    from deploy.report import finish, known_verdict
+    from deploy.review.report import finish, known_verdict
 
     run: Path = arguments.run
     run_dir = run.parent if run.name == LOG_FILE else run
@@ -121,29 +121,33 @@ def _report(arguments: argparse.Namespace) -> int:
 
 
 COMMANDS = (
-    *system_cli.COMMANDS,
+    *system.COMMANDS,
     Command("top", "live table of a running system", TOP, TOP_EXAMPLES, _top_arguments, _top),
-    *logs_cli.COMMANDS,
-    ledger_cli.COMMAND,
-    latency_cli.COMMAND,
-    tasks_cli.COMMAND,
-    collect_cli.COMMAND,
-    dataset_cli.COMMAND,
-    study_cli.COMMAND,
+    *logs.COMMANDS,
+    ledger.COMMAND,
+    latency.COMMAND,
+    tasks.COMMAND,
+    collect.COMMAND,
+    dataset.COMMAND,
+    study.COMMAND,
     Command("report", "sum up a recorded run", REPORT, REPORT_EXAMPLES, _report_arguments, _report),
     Command(
         "replay",
         "run a log's services again, or publish it",
-        replay_cli.TEXT,
-        replay_cli.EXAMPLES,
-        replay_cli.add_arguments,
-        replay_cli.run,
+        replay.TEXT,
+        replay.EXAMPLES,
+        replay.add_arguments,
+        replay.run,
     ),
     Command(
-        "export", "a log for viewers", ex.EXPORT, ex.EXPORT_EXAMPLES, ex.takes_export, ex.export
+        "export",
+        "a log for viewers",
+        export.EXPORT,
+        export.EXPORT_EXAMPLES,
+        export.takes_export,
+        export.export,
     ),
-    Command("view", "a log in Rerun", ex.VIEW, ex.VIEW_EXAMPLES, ex.takes_view, ex.view),
+    Command(
+        "view", "a log in Rerun", export.VIEW, export.VIEW_EXAMPLES, export.takes_view, export.view
+    ),
 )
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -11,8 +11,8 @@ from pathlib import Path
 from common.bus.config import BusConfig, bus_config, read_config_file, split_list
 from common.errors import TrillError
 from common.schemas import EpisodeAction
-from deploy import ledger_cli
-from deploy.commands import Command
+from deploy.cli import ledger
+from deploy.cli.commands import Command
 from deploy.system import LOG_FILE, RUNS, new_run_dir
 from services.logger.__main__ import add_recording_options, settings_of
 from services.logger.reader import LogReader
@@ -57,7 +57,7 @@ MARK_EXAMPLES = """examples:
   trill mark start --connect tcp/robot:7447
 """
 
-TABLES: dict[str, Callable[[LogReader], str]] = {"ledger": ledger_cli.as_text}
+TABLES: dict[str, Callable[[LogReader], str]] = {"ledger": ledger.as_text}
 """Further tables of ``trill info --table``, by name; each reads the log and returns its text."""
 
 
@@ -113,7 +113,7 @@ def _info_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _info(arguments: argparse.Namespace) -> int:
-    from deploy.log_text import as_json, info_lines
+    from deploy.logs.log_text import as_json, info_lines
     from services.logger.info import read_info
 
     path = _log_file(arguments.log)
@@ -138,7 +138,7 @@ def _repair_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _repair(arguments: argparse.Namespace) -> int:
-    from deploy.log_text import repair_lines
+    from deploy.logs.log_text import repair_lines
     from services.logger.parts import existing_parts, part
     from services.logger.repair import repair
 
@@ -165,7 +165,7 @@ def _mark_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _mark(arguments: argparse.Namespace) -> int:
-    from deploy.mark import mark
+    from deploy.logs.mark import mark
 
     print(mark(_bus(arguments), EpisodeAction[arguments.action.upper()], arguments.label))
     return 0

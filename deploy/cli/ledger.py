@@ -9,7 +9,7 @@ from math import inf
 from pathlib import Path
 
 from common.errors import ConfigError
-from deploy.commands import Command
+from deploy.cli.commands import Command
 from deploy.system import LOG_FILE
 from services.logger.reader import LogReader
 
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from rich.console import Console
 
-    from deploy.ledger_log import ledger_table, render, write_csv
+    from deploy.logs.ledger_log import ledger_table, render, write_csv
 
     begin, end = arguments.begin, arguments.end
     if not 0.0 <= begin < end:
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.csv is not None:
         write_csv(arguments.csv, table)
     if arguments.plot is not None:
-        from deploy.ledger_plot import write_plot
+        from deploy.review.ledger_plot import write_plot
 
         write_plot(arguments.plot, table.inputs, f"{arguments.log}, {table.seconds:.1f} s")
     for written in (arguments.csv, arguments.plot):
@@ -85,7 +85,7 @@ def as_text(log: LogReader) -> str:
     """
     from rich.console import Console
 
-    from deploy.ledger_log import ledger_table, render
+    from deploy.logs.ledger_log import ledger_table, render
 
     out = io.StringIO()
     Console(file=out, width=140).print(render(ledger_table(log), f"ledger of {log.path}"))

@@ -6,7 +6,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
-from deploy.commands import Command
+from deploy.cli.commands import Command
 
 if TYPE_CHECKING:
     from studies.collect.crew import Crew

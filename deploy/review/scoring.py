@@ -11,7 +11,7 @@ from math import atan2, cos, degrees, hypot, sin
 from typing import Final
 
 from common.schemas import Gait, GaitOutcome, GaitReply, GaitRequest, PlantState
-from deploy.run_summary import GaitRun, Walk
+from deploy.review.run_summary import GaitRun, Walk
 from services.wbc.config import GaitConfig
 
 FEET_AHEAD_OF_TORSO: Final = 0.0537

@@ -18,9 +18,9 @@ from common.bus.keys import subscription_of
 from common.bus.session import open_session
 from common.bus.tap import RawTap
 from common.topics import ALL_TOPICS, JOURNAL
-from deploy.board import Board, View
 from deploy.process import terminated_as_interrupted
-from deploy.table import Show, draw, line
+from deploy.watch.board import Board, View
+from deploy.watch.table import Show, draw, line
 
 SERVICE = "top"
 """Not in the port table on purpose: any number of monitors may watch one system."""

@@ -2,7 +2,7 @@
 
 from common.schemas import OperatorStatus, PlantRequest, TaskStatus
 from deploy.new_trials import was_nobodys
-from deploy.run_summary import ContactTally, StageTally, TaskTrial
+from deploy.review.run_summary import ContactTally, StageTally, TaskTrial
 
 
 class TaskReader:

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from common.schemas import TaskStatus, TaskVerdict
-from deploy.film import Film, picture_at
-from deploy.frames import Image, Progress, caption, decoded, fitted
-from deploy.task_film import task_moments, trial_seconds
+from deploy.review.film import Film, picture_at
+from deploy.review.frames import Image, Progress, caption, decoded, fitted
+from deploy.review.task_film import task_moments, trial_seconds
 from services.sim.render import FollowCamera, contact_sheet, render_states
 from services.sim.scenes.base import View
 from services.sim.scenes.shots import shot_of

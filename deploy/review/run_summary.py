@@ -1,4 +1,4 @@
-"""What ``summary.json`` says about a run; computed by :mod:`deploy.summary`."""
+"""What ``summary.json`` says about a run; computed by :mod:`deploy.review.summary`."""
 
 from typing import Literal
 

@@ -114,12 +114,12 @@ def run(arguments: argparse.Namespace) -> int:
     # Only now: these bring much with them, which no other command should wait for.
     if not (arguments.check or arguments.service or arguments.list):
         _refuse_given(arguments, ("life", "tolerance", "settings", "out"), "needs --service")
-        from deploy.playback import PlayOptions, play
+        from deploy.logs.playback import PlayOptions, play
 
         return play(log_path(arguments.log), PlayOptions.from_arguments(arguments))
     _refuse_given(arguments, ("loop", "topics", "robot", "connect"), "is for publishing only")
-    from deploy.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
-    from deploy.replay_report import check, show_lives
+    from deploy.logs.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
+    from deploy.logs.replay_report import check, show_lives
 
     unknown = set(arguments.service) - SERVICES.keys() - UNREPLAYABLE.keys()
     if unknown:

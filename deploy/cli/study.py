@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy import study_human
-from deploy.commands import Command
+from deploy.cli import study_human
+from deploy.cli.commands import Command
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -21,21 +21,21 @@ from common.schemas import (
     TaskStatus,
 )
 from common.topics import PLANT_TRUTH, Topic
-from deploy.run_summary import (
+from deploy.review.run_summary import (
     GaitRun,
     GaitTally,
     Outcome,
     RunSummary,
 )
-from deploy.scoring import GaitLedger, Pose2, Track, commanded_motions
-from deploy.summary_readers import (
+from deploy.review.scoring import GaitLedger, Pose2, Track, commanded_motions
+from deploy.review.summary_readers import (
     LogFindings,
     PlantReader,
     ServiceReader,
     TopicReader,
     TrackingReader,
 )
-from deploy.task_summary import TaskReader
+from deploy.review.task_summary import TaskReader
 from services.wbc.config import GaitConfig
 
 

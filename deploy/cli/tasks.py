@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from common.errors import ConfigError
-from deploy.commands import Command
+from deploy.cli.commands import Command
 from deploy.errors import DeployError
 
 TEXT = """Show the scored tasks: what is to be done, in what time, and when it is a success. With
@@ -34,7 +34,7 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         from rich.console import Console
 
-        from deploy.tasks_text import describe, draw, physics_table, task_table
+        from deploy.watch.tasks_text import describe, draw, physics_table, task_table
         from services.sim.tasks import all_tasks
     except ModuleNotFoundError as error:
         raise DeployError(

@@ -1,0 +1,1 @@
+"""The commands of ``trill``, one module each: options in, exit code out."""

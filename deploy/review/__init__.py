@@ -1,0 +1,1 @@
+"""After a run: summary, scores, pictures and video, all from its log."""
