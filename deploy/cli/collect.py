@@ -6,6 +6,7 @@ from time import monotonic
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
+from deploy.cli.collected import check_files, reindex, show_info
 from deploy.cli.commands import Command
 
 if TYPE_CHECKING:
@@ -172,11 +173,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.check is None and arguments.remake is not None:
         raise ConfigError("--remake goes with --check DIR")
     if arguments.check is not None:
-        return _check(arguments.check, arguments.remake)
+        return check_files(arguments.check, arguments.remake)
     if arguments.info is not None:
-        return _info(arguments)
+        return show_info(arguments.info, arguments.episode, arguments.sheet)
     if arguments.reindex is not None:
-        return _reindex(arguments.reindex)
+        return reindex(arguments.reindex)
     return _collect(arguments)
 
 
@@ -190,62 +191,6 @@ def _check_installed() -> None:
             f"trill collect needs the package {error.name}: pip install 'trill[collect]'"
         ) from error
     del h5py, mujoco, pinocchio
-
-
-def _info(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
-
-    from studies.collect.info import show, write_sheet
-
-    console = Console()
-    show(arguments.info, console)
-    if arguments.sheet is not None:
-        seed = write_sheet(arguments.info, arguments.episode, arguments.sheet)
-        console.print(f"{arguments.sheet}: the episode with seed {seed}", markup=False)
-    return 0
-
-
-def _reindex(root: Path) -> int:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from studies.collect.store import Store
-
-    store, console = Store(root), Console()
-    # None there is told before a lock is left in the directory.
-    if store.recipe() is None:
-        store.scan()
-    with (
-        store.locked(),
-        Progress(console=console, transient=True, disable=not console.is_terminal) as progress,
-    ):
-        bar = progress.add_task("reading the files", total=len(store.files()))
-        lines = store.scan(lambda: progress.advance(bar))
-        store.write_index(lines)
-    console.print(f"{root}: {len(lines)} trials in the index", markup=False, soft_wrap=True)
-    return 0
-
-
-def _check(root: Path, seed: int | None) -> int:
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from studies.collect.check import check, remake
-    from studies.collect.store import Store
-
-    store, console = Store(root), Console()
-    files = store.files()
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
-        bar = progress.add_task("checking", total=len(files))
-        wrong = check(store, lambda: progress.advance(bar))
-    if seed is not None:
-        wrong += filter(None, [remake(store, seed)])
-    for text in wrong:
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
-    again = "" if seed is None else f", seed {seed} made again"
-    text = f"{root}: {len(files)} trials read{again}; {len(wrong) or 'nothing'} wrong"
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
-    return 1 if wrong else 0
 
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
