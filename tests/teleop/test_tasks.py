@@ -58,9 +58,13 @@ def test_the_operator_has_two_ways_of_opening_a_door() -> None:
 
 
 def test_with_a_quarter_of_a_second_each_way_it_takes_longer() -> None:
-    late, _ = unlocked(0, link="250ms")
-    assert late.verdict == "success", line(late)
-    assert late.time > unlocked(0)[0].time + 0.5
+    longer = 0.0
+    for seed in (0, 1):
+        late, _ = unlocked(seed, link="250ms")
+        assert late.verdict == "success", line(late)
+        longer += late.time - unlocked(seed)[0].time
+    # How often it waits to see depends on what happens: of one seed alone nothing is sure.
+    assert longer > 1.5
 
 
 def result(seed: int, verdict: TaskVerdict, time: float) -> TrialResult:
