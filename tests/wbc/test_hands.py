@@ -1,6 +1,5 @@
 """Hand references: following without lag, limits, silence, and no jumps."""
 
-from collections.abc import Callable
 from itertools import cycle, pairwise
 
 import numpy as np
@@ -8,51 +7,16 @@ import pytest
 
 from services.wbc.config import HandConfig
 from services.wbc.hands import HandReference, clamp_workspace
-from services.wbc.operator_motion import OperatorMotion, clamp_norm
+from services.wbc.operator_motion import clamp_norm
 from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
-from services.wbc.swing import PoseReference
 
-from .support import Array
-
-CONFIG = HandConfig()
-HOME = np.array([0.3, 0.2, 0.1])
-PERIOD = 0.05
-DT = 0.005
-AHEAD = np.eye(3)
-Pose = tuple[Array, Array]
-
-
-def _hand(side: int = 0, config: HandConfig = CONFIG) -> HandReference:
-    hand = HandReference(side, config)
-    hand.hold(HOME, AHEAD, 0.0)
-    return hand
-
-
-def _follow(
-    hand: HandReference, pose: Callable[[float], Pose], seconds: float, until: float = np.inf
-) -> list[tuple[float, PoseReference]]:
-    """References every 5 ms with set-points every 50 ms, the last one before ``until``."""
-    track = []
-    for k in range(round(seconds / DT)):
-        time = k * DT
-        if k % round(PERIOD / DT) == 0 and time < until:
-            hand.set(*pose(time), time)
-        track.append((time, hand.at(time)))
-    return track
-
-
-def _at_x(x: float) -> Pose:
-    return np.array([x, HOME[1], HOME[2]]), AHEAD
-
-
-def _sine(time: float) -> Pose:
-    return _at_x(0.3 + 0.1 * np.sin(np.pi * time))
+from .hand_motion import AHEAD, CONFIG, DT, HOME, PERIOD, Pose, at_x, follow, resting_hand, sine
 
 
 def test_steady_motion_is_followed_with_little_lag() -> None:
     """0.1 m at 0.5 Hz, 0.31 m/s: a period's lag alone would be 15.7 mm."""
-    track = [(t, r) for t, r in _follow(_hand(), _sine, 6.0) if t > 1.0]
-    errors = np.array([r.position[0] - _sine(t)[0][0] for t, r in track])
+    track = [(t, r) for t, r in follow(resting_hand(), sine, 6.0) if t > 1.0]
+    errors = np.array([r.position[0] - sine(t)[0][0] for t, r in track])
     assert np.abs(errors).max() < 0.0065
     assert np.abs(errors).mean() < 0.0023
     wanted = np.array([0.1 * np.pi * np.cos(np.pi * t) for t, _ in track])
@@ -64,72 +28,15 @@ def test_steady_motion_is_followed_with_little_lag() -> None:
 
 
 def test_without_averaging_there_is_no_lag() -> None:
-    track = _follow(_hand(config=HandConfig(tremor_gain=1.0)), _sine, 6.0)
-    errors = np.array([r.position[0] - _sine(t)[0][0] for t, r in track if t > 1.0])
+    track = follow(resting_hand(config=HandConfig(tremor_gain=1.0)), sine, 6.0)
+    errors = np.array([r.position[0] - sine(t)[0][0] for t, r in track if t > 1.0])
     assert np.abs(errors).max() < 0.0035
     wanted = np.array([np.cos(np.pi * t) * 0.1 * np.pi for t, _ in track if t > 1.0])
     assert abs(np.mean(errors * wanted) / np.mean(wanted**2)) < 0.003
 
 
-def _trembling(seed: int) -> Callable[[float], Pose]:
-    """0.8 mm and 0.006 rad an axis, 0.8 to 9 Hz."""
-    rng = np.random.default_rng(seed)
-    rates = 2.0 * np.pi * np.exp(rng.uniform(np.log(0.8), np.log(9.0), (6, 8)))
-    phases = rng.uniform(0.0, 2.0 * np.pi, (6, 8))
-
-    def pose(time: float) -> Pose:
-        tones = 0.5 * np.sin(rates * time + phases).sum(axis=1)
-        return HOME + 0.0008 * tones[:3], matrix_from_rotation_vector(0.006 * tones[3:])
-
-    return pose
-
-
-def _shaken(config: HandConfig) -> tuple[float, float]:
-    """Root mean square of linear and angular acceleration under tremor [m/s², rad/s²]."""
-    squares = [
-        (
-            float(r.acceleration[:3] @ r.acceleration[:3]),
-            float(r.acceleration[3:] @ r.acceleration[3:]),
-        )
-        for seed in range(4)
-        for t, r in _follow(_hand(config=config), _trembling(seed), 6.0)
-        if t > 1.0
-    ]
-    linear, angular = np.sqrt(np.mean(squares, axis=0))
-    return float(linear), float(angular)
-
-
-def test_trembling_is_mostly_left_out() -> None:
-    linear, angular = _shaken(CONFIG)
-    whole_linear, whole_angular = _shaken(HandConfig(tremor_gain=1.0))
-    assert linear < 0.25 * whole_linear
-    assert angular < 0.25 * whole_angular
-    # And the pose stays that of the steady hand.
-    track = [r for t, r in _follow(_hand(), _trembling(7), 6.0) if t > 1.0]
-    assert max(np.linalg.norm(r.position - HOME) for r in track) < 0.003
-
-
-def test_a_movement_is_taken_as_it_comes() -> None:
-    motion = OperatorMotion(CONFIG, HOME, AHEAD)
-    step = np.array([CONFIG.movement_ratio * CONFIG.tremor, 0.0, 0.0])
-    turned = matrix_from_rotation_vector(np.array([0.0, 0.0, 0.1]))
-    motion.take(HOME + step, turned, PERIOD)
-    assert motion.position == pytest.approx(HOME + step, abs=1e-15)
-    assert motion.rate[:3] == pytest.approx(step / PERIOD)
-    assert motion.rate[3:] == pytest.approx([0.0, 0.0, 0.1 / PERIOD])
-    assert np.abs(motion.rotation - turned).max() < 1e-15
-
-
-@pytest.mark.parametrize("speed", [0.005, 0.02, 0.05])
-def test_slow_motion_is_followed_without_lasting_lag(speed: float) -> None:
-    track = _follow(_hand(), lambda t: _at_x(0.3 + speed * t), 4.0)
-    errors = [abs(r.position[0] - 0.3 - speed * t) for t, r in track]
-    assert max(errors) < 0.005
-    assert max(errors[-100:]) < 2e-4
-
-
 def test_uniform_motion_is_followed_exactly() -> None:
-    track = _follow(_hand(), lambda t: _at_x(0.2 + 0.15 * t), 1.5)
+    track = follow(resting_hand(), lambda t: at_x(0.2 + 0.15 * t), 1.5)
     for time, reference in track:
         if time > 0.5:
             assert reference.position[0] == pytest.approx(0.2 + 0.15 * time, abs=1e-9)
@@ -142,7 +49,7 @@ def test_turning_is_followed_with_little_lag() -> None:
     def pose(time: float) -> Pose:
         return HOME, matrix_from_rotation_vector(0.8 * np.sin(2.0 * time) * axis)
 
-    for time, reference in _follow(_hand(), pose, 4.0):
+    for time, reference in follow(resting_hand(), pose, 4.0):
         if time > 0.5:
             off = rotation_vector(pose(time)[1] @ reference.rotation.T)
             assert np.linalg.norm(off) < 0.035
@@ -152,7 +59,7 @@ def test_turning_is_followed_with_little_lag() -> None:
 
 def test_angular_velocity_is_the_rate_of_the_rotation() -> None:
     up = np.array([0.0, 0.0, 1.0])
-    track = _follow(_hand(), lambda t: (HOME, matrix_from_rotation_vector(t * t * up)), 1.2)
+    track = follow(resting_hand(), lambda t: (HOME, matrix_from_rotation_vector(t * t * up)), 1.2)
     for (_, a), (_, b) in pairwise(track):
         rate = rotation_vector(b.rotation @ a.rotation.T) / DT
         assert np.abs(rate - 0.5 * (a.velocity + b.velocity)[3:]).max() < 0.007
@@ -161,7 +68,7 @@ def test_angular_velocity_is_the_rate_of_the_rotation() -> None:
 @pytest.mark.parametrize("turn", [0.3, 1.5, 2.9])
 def test_orientation_arrives_by_the_shortest_way(turn: float) -> None:
     goal = matrix_from_rotation_vector(np.array([0.0, turn, 0.0]))
-    track = _follow(_hand(), lambda _: (HOME, goal), 2.0)
+    track = follow(resting_hand(), lambda _: (HOME, goal), 2.0)
     assert np.abs(track[-1][1].rotation - goal).max() < 1e-9
     assert np.abs(track[-1][1].velocity).max() < 1e-9
     for _, reference in track:
@@ -174,11 +81,11 @@ FAR = [(0.25, 0.0), (0.0, 2.5), (0.2, 2.0)]
 
 
 def _fastest(move: float, turn: float, repeat: bool) -> tuple[float, float]:
-    hand = _hand()
+    hand = resting_hand()
     hand.hold(np.array([0.25, 0.2, 0.1]), AHEAD, 0.0)
     goal = np.array([0.25 + move, 0.2, 0.1]), matrix_from_rotation_vector(np.array([0, 0, turn]))
     velocities = np.array(
-        [r.velocity for _, r in _follow(hand, lambda _: goal, 2.0, np.inf if repeat else 0.01)]
+        [r.velocity for _, r in follow(hand, lambda _: goal, 2.0, np.inf if repeat else 0.01)]
     )
     linear, angular = velocities[:, :3], velocities[:, 3:]
     return float(np.linalg.norm(linear, axis=1).max()), float(np.linalg.norm(angular, axis=1).max())
@@ -207,17 +114,17 @@ def test_a_far_setpoint_is_approached_at_limited_speed(move: float, turn: float)
 
 def test_references_stay_in_the_workspace() -> None:
     """But for the few millimetres that braking from 0.4 m/s takes."""
-    track = _follow(_hand(), lambda t: _at_x(0.3 + 0.4 * t), 2.0)
+    track = follow(resting_hand(), lambda t: at_x(0.3 + 0.4 * t), 2.0)
     assert max(reference.position[0] for _, reference in track) <= 0.56 + 0.005
 
 
 def test_a_late_setpoint_does_not_halt_the_hand() -> None:
     """Uniform motion, set-points 50, 90, 50 and 80 ms apart."""
-    hand, due, late = _hand(), 0.0, cycle((0.05, 0.09, 0.05, 0.08))
+    hand, due, late = resting_hand(), 0.0, cycle((0.05, 0.09, 0.05, 0.08))
     for k in range(400):
         time = k * DT
         if time > due - 1e-9:
-            hand.set(*_at_x(0.2 + 0.15 * time), time)
+            hand.set(*at_x(0.2 + 0.15 * time), time)
             due += next(late)
         if time > 0.5:
             assert abs(hand.at(time).position[0] - (0.2 + 0.15 * time)) < 0.001
@@ -227,7 +134,7 @@ def test_a_late_setpoint_does_not_halt_the_hand() -> None:
 def test_targets_stay_in_the_workspace(side: int) -> None:
     rng = np.random.default_rng(3)
     sign = 1.0 if side == 0 else -1.0
-    hand = _hand(side)
+    hand = resting_hand(side)
     for k in range(200):
         hand.set(rng.uniform(-1.0, 1.0, 3), AHEAD, k * PERIOD)
         x, y, z = hand.target[0]
@@ -246,9 +153,9 @@ def test_targets_stay_in_the_workspace(side: int) -> None:
 
 @pytest.mark.parametrize("last", [1.0, 1.31, 1.7])
 def test_silence_brings_the_hand_to_rest_at_the_last_setpoint(last: float) -> None:
-    hand = _hand()
-    track = _follow(hand, _sine, 4.0, until=last)
-    final = _sine(np.floor((last - 1e-9) / PERIOD) * PERIOD)[0]
+    hand = resting_hand()
+    track = follow(hand, sine, 4.0, until=last)
+    final = sine(np.floor((last - 1e-9) / PERIOD) * PERIOD)[0]
     assert hand.target[0] == pytest.approx(final)
     for time, reference in track:
         # Never far off while it stops, and still one stale time later.
@@ -261,11 +168,11 @@ def test_silence_brings_the_hand_to_rest_at_the_last_setpoint(last: float) -> No
 
 
 def test_setpoints_after_silence_start_from_rest() -> None:
-    hand = _hand()
-    hand.set(*_at_x(0.2), 0.0)
+    hand = resting_hand()
+    hand.set(*at_x(0.2), 0.0)
     hand.at(0.4)
     hand.at(1.0)
-    hand.set(*_at_x(0.3), 2.0)
+    hand.set(*at_x(0.3), 2.0)
     # 0.1 m in 2 s of silence is no velocity to go on with.
     assert hand.at(2.0).position[0] == pytest.approx(0.2, abs=1e-12)
     peak = max(hand.at(2.0 + k * DT).position[0] for k in range(100))
@@ -273,7 +180,7 @@ def test_setpoints_after_silence_start_from_rest() -> None:
 
 
 def test_raw_mode_jumps() -> None:
-    hand = _hand(config=HandConfig(mode="raw"))
+    hand = resting_hand(config=HandConfig(mode="raw"))
     turned = matrix_from_rotation_vector(np.array([0.0, 0.0, 1.0]))
     hand.set(np.array([0.4, 0.1, 0.2]), turned, 1.0)
     reference = hand.at(1.0)
@@ -288,7 +195,7 @@ def test_raw_mode_jumps() -> None:
 def test_pose_and_velocity_are_continuous_across_setpoints() -> None:
     """Set-points at irregular times and places; the reference as read just before and after."""
     rng = np.random.default_rng(8)
-    hand, time = _hand(), 0.0
+    hand, time = resting_hand(), 0.0
     for _ in range(300):
         time += rng.uniform(0.01, 0.4)
         before = hand.at(time)
@@ -301,7 +208,7 @@ def test_pose_and_velocity_are_continuous_across_setpoints() -> None:
 
 
 def test_reference_moves_as_its_velocity_says() -> None:
-    track = _follow(_hand(), _sine, 2.0)
+    track = follow(resting_hand(), sine, 2.0)
     for (_, a), (_, b) in pairwise(track):
         moved = (b.position - a.position) / DT
         assert np.abs(moved - 0.5 * (a.velocity + b.velocity)[:3]).max() < 0.006
