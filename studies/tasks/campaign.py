@@ -1,7 +1,6 @@
 """Many trials, several at a time, kept one by one: what is there already is not run again."""
 
 import json
-import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import asdict
@@ -42,7 +41,7 @@ class Kept:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Read what is there; a torn last line, left by a kill, is dropped.
+        """Read what is there, but for a last line that is torn or just being written.
 
         Raises:
             ConfigError: it is no such file; it is left as it is.
@@ -63,8 +62,6 @@ class Kept:
             if not torn.startswith(_BEGINNING[: len(torn)]):
                 # Not ours: to take it for torn would destroy it.
                 self._read(torn.decode(errors="replace"), f"{path}, last line")
-            if torn:
-                os.truncate(path, len(content) - len(torn))
         except OSError as error:
             raise ConfigError(f"--out: cannot use {path}: {error.strerror}") from error
 

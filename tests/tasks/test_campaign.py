@@ -92,8 +92,21 @@ def test_a_line_torn_anywhere_is_ours(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for length in (1, 20, 60, len(whole) - 1):
         path.write_bytes(whole + whole[:length])
+        kept = Kept(path)
+        assert kept.of(SPEC) == result(3)
+        kept.add(SPEC, result(3))
+        assert path.read_bytes() == 2 * whole
+
+
+def test_a_line_that_another_process_is_writing_is_left_to_it(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    Kept(path).add(SPEC, result(3))
+    whole = path.read_bytes()
+    with path.open("ab", buffering=0) as other:
+        other.write(whole[:60])
         assert Kept(path).of(SPEC) == result(3)
-        assert path.read_bytes() == whole
+        other.write(whole[60:])
+    assert path.read_bytes() == 2 * whole
 
 
 def test_where_nothing_can_be_kept_is_told(tmp_path: Path) -> None:
