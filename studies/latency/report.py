@@ -37,7 +37,7 @@ def write_report(store: Store) -> Report | None:
     """Make every file from what is in the directory; None: no trial is there yet.
 
     Raises:
-        LatencyStudyError: there is no study, or it cannot be read.
+        LatencyStudyError: there is no study, it cannot be read, or the files cannot be written.
         ConfigError: matplotlib is not installed.
     """
     plan = store.plan()
@@ -67,10 +67,16 @@ def write_report(store: Store) -> Report | None:
     workload = summarise_sheets(sheets, plan.tasks, list(place))
     finding = find(plan, rows)
     files = ["trials.csv", "summary.csv", "summary.json", FIGURE]
-    write_trials(store.root / "trials.csv", rows)
-    write_summary(store.root, plan, cells, finding, workload)
-    if workload:
-        write_workload(store.root / "workload.csv", workload)
-        files.insert(2, "workload.csv")
-    draw(store.root / FIGURE, plan, rows, cells, sheets)
+    try:
+        write_trials(store.root / "trials.csv", rows)
+        write_summary(store.root, plan, cells, finding, workload)
+        if workload:
+            write_workload(store.root / "workload.csv", workload)
+            files.insert(2, "workload.csv")
+        draw(store.root / FIGURE, plan, rows, cells, sheets)
+    except OSError as error:
+        raise LatencyStudyError(
+            f"cannot write the report in {store.root}: {error.strerror or error}; the trials are "
+            f"kept: mend it and give trill study latency --report {store.root}"
+        ) from error
     return Report(plan, cells, workload, finding, tuple(files))

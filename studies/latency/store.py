@@ -57,13 +57,9 @@ class Store:
             LatencyStudyError: somebody else runs trials here, or it is no place to write.
         """
         with ExitStack() as stack:
-            try:
+            with self._disk():
                 self.root.mkdir(parents=True, exist_ok=True)
                 stack.enter_context(alone(self.root / _LOCK, LatencyStudyError))
-            except OSError as error:
-                raise LatencyStudyError(
-                    f"cannot write in {self.root}: {error.strerror}; choose another --out"
-                ) from error
             known = self._plan()
             # Labels are no difference: they are of the figure alone.
             if known is not None and (differences := known.differences(plan)):
@@ -74,7 +70,8 @@ class Store:
                 )
             if known is None:
                 text = json.dumps(plan.model_dump(mode="json"), indent=1) + "\n"
-                write_whole(self.root / PLAN, text.encode())
+                with self._disk():
+                    write_whole(self.root / PLAN, text.encode())
             yield
 
     def rows(self) -> list[TrialRow]:
@@ -106,6 +103,16 @@ class Store:
             raise LatencyStudyError(
                 f"cannot write {path}: {error.strerror}; what was there is kept: mend it and give "
                 "the same command again"
+            ) from error
+
+    @contextmanager
+    def _disk(self) -> Iterator[None]:
+        """What the disk refuses, in words."""
+        try:
+            yield
+        except OSError as error:
+            raise LatencyStudyError(
+                f"cannot write in {self.root}: {error.strerror}; choose another --out"
             ) from error
 
     def _plan(self) -> Plan | None:

@@ -193,3 +193,19 @@ def test_wrong_options_are_explained(
     assert main(["study", "latency", *words]) == code
     assert says in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = study(tmp_path / "study", rows(TIMES))
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("studies.files.os.fsync", full)
+    with pytest.raises(LatencyStudyError, match=r"No space.*--report"):
+        write_report(store)
+    with (
+        pytest.raises(LatencyStudyError, match=r"cannot write in .*No space"),
+        Store(tmp_path / "new").writing(PLAN),
+    ):
+        pass
