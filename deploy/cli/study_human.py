@@ -103,15 +103,17 @@ def _add(arguments: argparse.Namespace) -> int:
         rows = trials_of(
             LogReader(path), arguments.participant, condition, lambda: progress.advance(bar)
         )
-    if not arguments.anyway:
-        _check_latencies(path, rows)
     known = {row.key for row in store.human_rows()}
+    # All or none: half a log taken in could not be told from a whole one.
     for row in rows:
         if row.task not in plan.tasks:
             raise LatencyStudyError(
                 f"{path}: {row.task} is not in the study {store.root}; expected one of "
-                f"{', '.join(plan.tasks)}"
+                f"{', '.join(plan.tasks)}; nothing taken in"
             )
+        if not arguments.anyway and row.key not in known:
+            _check_latencies(path, row)
+    for row in rows:
         text = f"{row.task} {row.condition} seed {row.seed}, {row.participant}"
         if row.key in known:
             print(f"{text}: there already, left as it is")
@@ -127,18 +129,21 @@ def _add(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_latencies(path: Path, rows: "list[TrialRow]") -> None:
+def _check_latencies(path: Path, row: "TrialRow") -> None:
     from studies.latency.errors import LatencyStudyError
+    from studies.latency.row import OWN_COMMAND, OWN_FEEDBACK
 
-    for row in rows:
-        for name, take in (("command", row.command), ("feedback", row.feedback)):
-            if not take.agrees:
-                raise LatencyStudyError(
-                    f"{path}: {row.task} seed {row.seed}: condition {row.condition} asks for "
-                    f"{1e3 * take.asked_mean:.0f} ms of {name} latency, measured were "
-                    f"{1e3 * (take.mean or 0.0):.0f} ms; is it the log of another condition? "
-                    "--anyway takes it in all the same"
-                )
+    for name, take, own in (
+        ("command", row.command, OWN_COMMAND),
+        ("feedback", row.feedback, OWN_FEEDBACK),
+    ):
+        if not take.agrees(own):
+            raise LatencyStudyError(
+                f"{path}: {row.task} seed {row.seed}: condition {row.condition} asks for "
+                f"{1e3 * take.asked_mean:.0f} ms of {name} latency, measured were "
+                f"{1e3 * (take.mean or 0.0):.0f} ms; is it the log of another condition? Nothing "
+                "taken in; --anyway takes it in all the same"
+            )
 
 
 def _tlx(arguments: argparse.Namespace) -> int:

@@ -28,7 +28,7 @@ from studies.latency.conditions import standard
 from studies.latency.errors import LatencyStudyError
 from studies.latency.fromlog import trials_of
 from studies.latency.plan import Cell
-from studies.latency.row import LinkTake, TrialRow
+from studies.latency.row import OWN_COMMAND, LinkTake, TrialRow
 from studies.latency.store import Store
 from studies.latency.trial import run_cell
 from studies.tasks.stack import TaskStack
@@ -164,7 +164,7 @@ def test_a_log_of_another_condition_is_refused(
 def test_latencies_agree_with_their_condition(
     asked: float, p99: float, mean: float | None, agrees: bool
 ) -> None:
-    assert LinkTake(asked_mean=asked, asked_p99=p99, mean=mean).agrees is agrees
+    assert LinkTake(asked_mean=asked, asked_p99=p99, mean=mean).agrees(OWN_COMMAND) is agrees
 
 
 class Told(LogReader):
