@@ -61,7 +61,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="trials at a time, a process each (1; Ray: as many as the cluster has processors)",
     )
     add("--out", type=Path, metavar="DIR", help=f"the data set ({DATASETS}/<task>)")
-    add("--seed", type=int, default=0, metavar="N", help="of the first trial, then one up (0)")
+    add(
+        "--seed",
+        type=_seed,
+        metavar="N",
+        help="of the first trial, then one up (0; of a data set that is there: its own)",
+    )
     add(
         "--max-trials",
         type=_positive,
@@ -229,8 +234,6 @@ def _collect(arguments: argparse.Namespace) -> int:
     from studies.collect.progress import Display, closing
     from studies.collect.store import Store
 
-    if arguments.seed < 0:
-        raise ConfigError(f"--seed: expected 0 or more, got {arguments.seed}")
     recipe = _recipe(arguments)
     root = arguments.out or DATASETS / recipe.task.replace("/", "-")
     console, began = Console(stderr=True), monotonic()

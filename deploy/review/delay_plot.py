@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from deploy.errors import DeployError
+from deploy.review.frames import write_picture
 
-_PAPER, _GRID, _TEXT, _TITLE = (252, 252, 250), (226, 226, 222), (95, 95, 95), (30, 30, 30)
-_BAR = (196, 158, 108)
-_COLOURS = ((48, 96, 214), (60, 140, 60), (160, 60, 140))
-"""Of the marks, in their order; all colours are BGR, as OpenCV writes them."""
+_PAPER, _GRID, _TEXT, _TITLE = (250, 252, 252), (222, 226, 226), (95, 95, 95), (30, 30, 30)
+_BAR = (108, 158, 196)
+_COLOURS = ((214, 96, 48), (60, 140, 60), (140, 60, 160))
+"""Of the marks, in their order."""
 _WIDTH, _HEIGHT = 720, 190
 _LEFT, _RIGHT, _TOP, _BOTTOM = 20, 20, 44, 26
 _BINS = 100
@@ -47,12 +47,7 @@ def write_histograms(path: Path, panels: Sequence[Panel], columns: int = 1) -> N
     for number, panel in enumerate(panels):
         x, y = _WIDTH * (number % columns), _HEIGHT * (number // columns)
         _draw(image[y : y + _HEIGHT, x : x + _WIDTH], panel)
-    try:
-        written = cv2.imwrite(str(path), image)
-    except cv2.error as error:
-        raise DeployError(f"cannot write {path}: expected a name such as delays.png") from error
-    if not written:
-        raise DeployError(f"cannot write {path}: the directory is not there or not writable")
+    write_picture(path, image)
 
 
 def _draw(image: NDArray[np.uint8], panel: Panel) -> None:

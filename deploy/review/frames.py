@@ -1,12 +1,14 @@
-"""Frames as arrays: read, scaled, captioned. RGB throughout; needs OpenCV."""
+"""Frames as arrays: read, scaled, captioned, written. RGB throughout; needs OpenCV."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from common.schemas import CameraFrame
+from deploy.errors import DeployError
 
 Image = NDArray[np.uint8]
 Progress = Callable[[int, int], None]
@@ -51,3 +53,17 @@ def fitted(image: Image, width: int, height: int) -> Image:
     scaled = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     ground[top : top + size[1], left : left + size[0]] = scaled
     return ground
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Write ``image`` in the format that the name's ending says.
+
+    Raises:
+        DeployError: the file cannot be written, or the name's ending is no picture's.
+    """
+    try:
+        written = cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    except cv2.error as error:
+        raise DeployError(f"cannot write {path}: expected a name such as picture.png") from error
+    if not written:
+        raise DeployError(f"cannot write {path}: is its directory there, writable and not full?")

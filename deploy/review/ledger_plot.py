@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.bus.ledger import STAGES, Durations, LedgerRow
-from deploy.errors import DeployError
+from deploy.review.frames import write_picture
 
-_PAPER, _GRID, _TEXT, _TITLE = (252, 252, 250), (225, 225, 222), (95, 95, 95), (30, 30, 30)
-_BOX, _WHISKER, _MEDIAN, _TOTAL = (178, 133, 76), (214, 190, 160), (40, 40, 40), (48, 96, 214)
-"""Colours are BGR, as OpenCV writes them."""
+_PAPER, _GRID, _TEXT, _TITLE = (250, 252, 252), (222, 225, 225), (95, 95, 95), (30, 30, 30)
+_BOX, _WHISKER, _MEDIAN, _TOTAL = (76, 133, 178), (160, 190, 214), (40, 40, 40), (214, 96, 48)
 _LEFT, _RIGHT, _TOP, _ROW, _GAP = 96, 24, 64, 20, 34
 _WIDTH = 760
 _COLUMNS = 2
@@ -41,12 +40,7 @@ def write_plot(path: Path, rows: Sequence[LedgerRow], title: str) -> None:
     for number, row in enumerate(shown):
         x, y = _WIDTH * (number % _COLUMNS), _TOP + panel * (number // _COLUMNS)
         _panel(image[y : y + panel, x : x + _WIDTH], row)
-    try:
-        written = cv2.imwrite(str(path), image)
-    except cv2.error as error:
-        raise DeployError(f"cannot write {path}: expected a name such as ledger.png") from error
-    if not written:
-        raise DeployError(f"cannot write {path}: the directory is not there or not writable")
+    write_picture(path, image)
 
 
 def _panel(image: NDArray[np.uint8], row: LedgerRow) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from common.schemas import Gait
 from deploy.errors import DeployError
 from deploy.review.film import RATE, Film, Moment, frame_step, moments, picture_at
-from deploy.review.frames import Image, Progress, caption, decoded, fitted
+from deploy.review.frames import Image, Progress, caption, decoded, fitted, write_picture
 from deploy.review.path_plot import plot_path
 from deploy.review.scoring import Pose2
 from deploy.review.task_film import standing_at
@@ -46,8 +46,7 @@ def write_contact_sheet(
         sheet = task_sheet(film, headline(film, film.task), recorded_eye(film), progress)
     else:
         sheet = _sheet(film, commanded, progress)
-    if not cv2.imwrite(str(path), cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR)):
-        raise DeployError(f"cannot write {path}")
+    write_picture(path, sheet)
 
 
 def _sheet(film: Film, commanded: Mapping[Gait, Pose2], progress: Progress) -> Image:

@@ -72,7 +72,7 @@ def collect(
     crew: Callable[[], Crew],
     *,
     wanted: int,
-    first_seed: int = 0,
+    first_seed: int | None = None,
     max_trials: int | None = None,
     build: Build | None = None,
     accept_changes: bool = False,
@@ -87,7 +87,7 @@ def collect(
         store: where to keep them; what is there already is not made again.
         crew: makes the workers; called only if there is something to do.
         wanted: successes in all.
-        first_seed: of the first trial.
+        first_seed: of the first trial; None: as it was begun, a new one with 0.
         max_trials: give up after so many; None: never.
         build: the code that makes them; None: this process's.
         accept_changes: go on though other code made what is there.
@@ -100,24 +100,18 @@ def collect(
 
     Raises:
         CollectError: a trial costs its worker again and again, or the store cannot be used.
-        ConfigError: the store was begun with another recipe or by other code.
+        ConfigError: the store was begun with another recipe or seed, or by other code.
     """
     build = build or Build.here()
     check_room(store.root, needed(recipe, (), 0 if store.files() else wanted))
-    with store.writing(recipe, build, accept_changes):
+    with store.writing(recipe, build, accept_changes, first_seed) as begin:
         lines = store.scan(each)
-        strange = [line.meta.seed for line in lines if line.meta.seed < first_seed]
-        if strange:
-            raise CollectError(
-                f"{store.root} has trials with seeds from {strange[0]} on, before --seed "
-                f"{first_seed}; go on with the seed it was begun with, or choose another --out"
-            )
         lines_before = frozenset(line.meta.seed for line in lines)
         standing = Standing(wanted, {line.meta.seed: line for line in lines}, len(lines))
         # What a killed run has left may lack lines, or have a torn one.
         store.write_index(lines)
         tell(standing, None)
-        ends = range(first_seed, first_seed + max_trials) if max_trials else count(first_seed)
+        ends = range(begin, begin + max_trials) if max_trials else count(begin)
         todo = (seed for seed in ends if seed not in lines_before)
         first = next(todo, None)
         missing = max(0, wanted - standing.successes)

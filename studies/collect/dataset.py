@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from common.errors import ConfigError, explain
 from studies.collect.errors import CollectError
@@ -53,12 +53,14 @@ class DatasetFile(BaseModel):
     Attributes:
         recipe: of every episode.
         builds: that have made some, in order; empty: unknown, the file is of an earlier version.
+        first_seed: of the first trial; None: unknown, the file is of an earlier version.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     recipe: Recipe
     builds: tuple[Build, ...] = ()
+    first_seed: int | None = Field(default=None, ge=0)
 
     def content(self) -> bytes:
         """Of the file."""
@@ -87,6 +89,19 @@ class DatasetFile(BaseModel):
                 + "\n  ".join(changes)
             )
         return self.model_copy(update={"builds": (*self.builds, build)})
+
+    def begun_at(self, root: Path, seed: int | None) -> "DatasetFile":
+        """The file if trials from ``seed`` on (None: as before) come to those in ``root``.
+
+        Raises:
+            ConfigError: those there begin at another seed.
+        """
+        if seed is None or seed == self.first_seed:
+            return self
+        raise ConfigError(
+            f"{root} was begun with --seed {self.first_seed}, not {seed}; leave --seed out, or "
+            "choose another --out"
+        )
 
 
 def read_dataset(root: Path) -> DatasetFile | None:

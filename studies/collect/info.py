@@ -8,6 +8,7 @@ import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
+from deploy.review.frames import write_picture
 from services.sim.render import contact_sheet
 from studies.collect.columns import EYES
 from studies.collect.errors import CollectError
@@ -109,7 +110,8 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
     """Write the sheet of the episode with ``seed`` (None: the first); returns its seed.
 
     Raises:
-        CollectError: there is no such episode, it has no pictures, or ``path`` is no picture.
+        CollectError: there is no such episode, or it has no pictures.
+        DeployError: the file cannot be written.
     """
     kept = {line.meta.seed: line for line in Store(root).index() if line.kept}
     chosen = seed if seed is not None else min(kept, default=-1)
@@ -121,13 +123,5 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
         )
     with open_episode(root / kept[chosen].file) as episode:
         picture = sheet(episode)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        written = cv2.imwrite(str(path), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    except OSError as error:
-        raise CollectError(f"cannot write {path}: {error.strerror}") from error
-    except cv2.error as error:
-        raise CollectError(f"cannot write {path}: expected a name like sheet.png") from error
-    if not written:
-        raise CollectError(f"cannot write {path}: is its directory writable?")
+    write_picture(path, picture)
     return chosen

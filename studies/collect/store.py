@@ -107,36 +107,41 @@ class Store:
             yield
 
     @contextmanager
-    def writing(self, recipe: Recipe, build: Build, accept: bool = False) -> Iterator[None]:
+    def writing(
+        self, recipe: Recipe, build: Build, accept: bool = False, seed: int | None = None
+    ) -> Iterator[int]:
         """Be the only one that writes here; begin the data set, or go on with it.
 
         Args:
             recipe: of the episodes.
             build: the code that makes them.
             accept: that it is other code than that of the episodes there.
+            seed: of the first trial; None: as it was begun, a new one with 0.
+
+        Returns:
+            the seed of the first trial.
 
         Raises:
-            ConfigError: it was begun with another recipe, or by other code.
+            ConfigError: it was begun with another recipe or seed, or by other code.
             CollectError: somebody else writes here, or nobody can.
         """
         with _disk(self.root):
             self.root.mkdir(parents=True, exist_ok=True)
         with self.locked():
-            self._begin(recipe, build, accept)
-            yield
+            yield self._begin(recipe, build, accept, seed)
 
-    def _begin(self, recipe: Recipe, build: Build, accept: bool) -> None:
+    def _begin(self, recipe: Recipe, build: Build, accept: bool, seed: int | None) -> int:
         known = read_dataset(self.root)
         if known is None and self.files():
             raise CollectError(
                 f"{self.root} has episodes but no {RECIPE}; put it back from a copy, or choose "
                 "another --out"
             )
-        file = (
-            DatasetFile(recipe=recipe, builds=(build,))
-            if known is None
-            else known.agreed(self.root, recipe, build, accept)
-        )
+        if known is None:
+            file = DatasetFile(recipe=recipe, builds=(build,), first_seed=seed or 0)
+        else:
+            file = self._dated(known, seed).begun_at(self.root, seed)
+            file = file.agreed(self.root, recipe, build, accept)
         with _disk(self.root):
             for folder in (EPISODES, REJECTED):
                 (self.root / folder).mkdir(exist_ok=True)
@@ -147,6 +152,15 @@ class Store:
                         torn.unlink()
         if file != known:
             _write(self.root / RECIPE, file.content())
+        return file.first_seed or 0
+
+    def _dated(self, file: DatasetFile, seed: int | None) -> DatasetFile:
+        """The file with its first seed; that of an earlier version does not say it."""
+        if file.first_seed is not None:
+            return file
+        seeds = [int(path.stem) for path in self.files() if path.stem.isdecimal()]
+        first = min([*seeds, *([] if seed is None else [seed])], default=0)
+        return file.model_copy(update={"first_seed": first})
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
         """Keep a trial: its episode, or only its description."""

@@ -117,7 +117,6 @@ def test_the_command_line_is_there_without_what_collecting_needs() -> None:
         (["door/unlock", "--width", "3"], "eyes.width"),
         (["door/unlock", "--pace", "sprint"], "pace"),
         (["door/unlock", "--link", "nowhere=250ms"], "nowhere"),
-        (["door/unlock", "--seed", "-1"], "--seed"),
         (["door/unlock", "--sheet", "a.png"], "--info"),
     ],
 )
@@ -128,6 +127,13 @@ def test_wrong_options_are_refused(
     assert main(["collect", *options, *out]) == 2
     assert words in capsys.readouterr().err
     assert not (tmp_path / "d").exists()
+
+
+def test_a_seed_is_a_number_from_0_up(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["collect", "door/unlock", "--seed", "-1"])
+    assert ended.value.code == 2
+    assert "--seed: expected a seed from 0 up, got '-1'" in capsys.readouterr().err
 
 
 def test_an_unknown_task_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import hashlib
+import json
 import random
 from concurrent.futures import Future
 from functools import partial
@@ -212,10 +213,31 @@ def test_another_recipe_is_refused_with_what_differs(tmp_path: Path) -> None:
         collect(other, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2)
 
 
-def test_a_later_first_seed_is_refused(tmp_path: Path) -> None:
+def test_another_first_seed_is_refused(tmp_path: Path) -> None:
     gather(tmp_path, 1)
-    with pytest.raises(CollectError, match="seeds from 0"):
+    with pytest.raises(ConfigError, match="begun with --seed 0, not 1"):
         collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=1)
+
+
+def test_it_goes_on_from_the_seed_it_was_begun_with(tmp_path: Path) -> None:
+    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=100)
+    # As after a kill: a later trial had ended, the first had not.
+    (tmp_path / "episodes" / "000100.h5").unlink()
+    crew = FakeCrew(1, {102})
+    collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3)
+    assert crew.given == [100, 102, 103]
+
+
+def test_a_set_that_does_not_say_its_first_seed_goes_on_from_its_smallest(tmp_path: Path) -> None:
+    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=7)
+    path = tmp_path / "dataset.json"
+    about = json.loads(path.read_text())
+    del about["first_seed"]
+    path.write_text(json.dumps(about))
+    crew = FakeCrew(1, set())
+    collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3)
+    assert crew.given == [9]
+    assert json.loads(path.read_text())["first_seed"] == 7
 
 
 def test_two_writers_are_refused(tmp_path: Path) -> None:
