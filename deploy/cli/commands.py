@@ -2,11 +2,11 @@
 
 import argparse
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Command(NamedTuple):
-    """One subcommand.
+    """One subcommand, or a subcommand of one.
 
     Attributes:
         name: what is typed.
@@ -23,3 +23,22 @@ class Command(NamedTuple):
     examples: str
     add: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
+
+    def under(self, commands: Any, name: str) -> argparse.ArgumentParser:
+        """Add it to the subcommands of a parser; chosen, it is the argument ``name``."""
+        parser: argparse.ArgumentParser = commands.add_parser(
+            self.name,
+            help=self.brief,
+            description=self.text,
+            epilog=self.examples,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        self.add(parser)
+        parser.set_defaults(**{name: self})
+        return parser
+
+
+def run_chosen(arguments: argparse.Namespace, name: str) -> int:
+    """Run the subcommand that is the argument ``name``."""
+    chosen: Command = getattr(arguments, name)
+    return chosen.run(arguments)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
-from deploy.cli.commands import Command
+from deploy.cli.commands import Command, run_chosen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,14 +52,17 @@ _LEROBOT_CRF = 18
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill dataset``."""
     actions = parser.add_subparsers(required=True, metavar="action")
-    export = actions.add_parser(
-        "export",
-        help="for lerobot or robomimic",
-        description=EXPORT,
-        epilog=EXPORT_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    export.set_defaults(dataset=_export)
+    Command(
+        "export", "for lerobot or robomimic", EXPORT, EXPORT_EXAMPLES, _export_options, _export
+    ).under(actions, "dataset")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what was asked for; 0, or an exception of this project."""
+    return run_chosen(arguments, "dataset")
+
+
+def _export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("dirs", nargs="+", type=Path, metavar="DIR", help="made by trill collect")
     export.add_argument("--format", required=True, choices=FORMATS, help="whose loader reads it")
     export.add_argument("--out", type=Path, help="directory or file to make (DIR with an ending)")
@@ -112,12 +115,6 @@ def _quality(text: str) -> int:
     if not text.isdecimal() or int(text) > 51:
         raise argparse.ArgumentTypeError(f"expected a number from 0 to 51, got {text!r}")
     return int(text)
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Do what was asked for; 0, or an exception of this project."""
-    does: Callable[[argparse.Namespace], int] = arguments.dataset
-    return does(arguments)
 
 
 def _export(arguments: argparse.Namespace) -> int:

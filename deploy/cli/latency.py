@@ -3,7 +3,7 @@
 import argparse
 import contextlib
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from common.bus.linknames import LinkName, alias_help, parse_name
 from common.bus.links import checked_spec
 from common.bus.linkspec import PRESETS, LinkSpec
 from common.errors import ConfigError
-from deploy.cli.commands import Command
+from deploy.cli.commands import Command, run_chosen
 from deploy.errors import DeployError
 from deploy.system import bus_of
 
@@ -59,43 +59,13 @@ EXAMPLES = """examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill latency``."""
     actions = parser.add_subparsers(required=True, metavar="action")
-
-    def action(
-        name: str, brief: str, text: str, does: Callable[[argparse.Namespace], int]
-    ) -> argparse.ArgumentParser:
-        sub = actions.add_parser(
-            name,
-            help=brief,
-            description=text,
-            epilog=f"{_NAMES}\n\n{_SPECS}" if name in {"set", "explain"} else None,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        sub.set_defaults(latency=does)
-        return sub
-
-    show = action("show", "what is injected now", "Every input of every service.", _show)
-    put = action("set", "put a delay on links", "Put a delay on links of a running system.", _set)
-    put.add_argument("name", help="command, camera, feedback, both, or [SERVICE:]TOPIC")
-    put.add_argument("spec", nargs="+", help="e.g. 250ms, or 'normal(122ms, 190ms)' loss=1%%")
-    clear = action("clear", "take delays away", "Take away a delay, or all of them.", _clear)
-    clear.add_argument("name", nargs="?", help="as for set; without it every link")
-    for sub in (show, put, clear):
-        _reach(sub)
-    explain = action(
-        "explain",
-        "what a delay will do",
-        "Compute, without any system, what a specification will do to messages at a rate.",
-        _explain,
-    )
-    explain.add_argument("spec", nargs="+", help="a specification")
-    explain.add_argument("--rate", type=float, default=20.0, help="messages per second (20)")
-    explain.add_argument("--plot", type=Path, metavar="FILE.png", help="draw a histogram")
+    for command in ACTIONS:
+        command.under(actions, "latency")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what the subcommand says; exit code 0, or 1 if nobody answered or was concerned."""
-    action: Callable[[argparse.Namespace], int] = arguments.latency
-    return action(arguments)
+    return run_chosen(arguments, "latency")
 
 
 def add_latency_option(parser: argparse.ArgumentParser) -> None:
@@ -109,6 +79,23 @@ def add_latency_option(parser: argparse.ArgumentParser) -> None:
         "those of a TOML file's table [links]; may be given several times; see trill latency "
         "--help. A task's own link holds unless links are given; 'none' switches it off",
     )
+
+
+def _set_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", help="command, camera, feedback, both, or [SERVICE:]TOPIC")
+    parser.add_argument("spec", nargs="+", help="e.g. 250ms, or 'normal(122ms, 190ms)' loss=1%%")
+    _reach(parser)
+
+
+def _clear_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("name", nargs="?", help="as for set; without it every link")
+    _reach(parser)
+
+
+def _explain_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("spec", nargs="+", help="a specification")
+    parser.add_argument("--rate", type=float, default=20.0, help="messages per second (20)")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw a histogram")
 
 
 def _reach(parser: argparse.ArgumentParser) -> None:
@@ -243,6 +230,34 @@ def _complain(errors: tuple[str, ...]) -> int:
     return int(bool(errors))
 
 
+_HOW = f"{_NAMES}\n\n{_SPECS}"
+ACTIONS = (
+    Command("show", "what is injected now", "Every input of every service.", "", _reach, _show),
+    Command(
+        "set",
+        "put a delay on links",
+        "Put a delay on links of a running system.",
+        _HOW,
+        _set_options,
+        _set,
+    ),
+    Command(
+        "clear",
+        "take delays away",
+        "Take away a delay, or all of them.",
+        "",
+        _clear_options,
+        _clear,
+    ),
+    Command(
+        "explain",
+        "what a delay will do",
+        "Compute, without any system, what a specification will do to messages at a rate.",
+        _HOW,
+        _explain_options,
+        _explain,
+    ),
+)
 COMMAND = Command(
     "latency",
     "inject latency, jitter and loss",

@@ -71,15 +71,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="command")
     for command in COMMANDS:
-        sub = commands.add_parser(
-            command.name,
-            help=command.brief,
-            description=command.text,
-            epilog=command.examples,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        command.add(sub)
-        sub.set_defaults(command=command)
+        command.under(commands, "command")
     return parser
 
 

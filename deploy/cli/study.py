@@ -2,13 +2,12 @@
 
 import argparse
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.cli import study_human
-from deploy.cli.commands import Command
+from deploy.cli.commands import Command, run_chosen
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -56,23 +55,14 @@ LATENCY_EXAMPLES = f"""examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill study``."""
     commands = parser.add_subparsers(required=True, metavar="study")
-    latency = commands.add_parser(
-        "latency",
-        help="completion time and success under latency",
-        description=LATENCY,
-        epilog=LATENCY_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    _latency_options(latency)
-    latency.set_defaults(study=_latency)
-    study_human.add_commands(commands, ROOT)
+    for command in (LATENCY_COMMAND, *study_human.commands(ROOT)):
+        command.under(commands, "study")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study that was asked for; 0, 1, or an exception of this project."""
     _check_installed()
-    study: Callable[[argparse.Namespace], int] = arguments.study
-    return study(arguments)
+    return run_chosen(arguments, "study")
 
 
 def _latency_options(parser: argparse.ArgumentParser) -> None:
@@ -223,4 +213,12 @@ def _report(store: "Store") -> int:
     return 0
 
 
+LATENCY_COMMAND = Command(
+    "latency",
+    "completion time and success under latency",
+    LATENCY,
+    LATENCY_EXAMPLES,
+    _latency_options,
+    _latency,
+)
 COMMAND = Command("study", "what latency does to an operator", TEXT, EXAMPLES, add_arguments, run)

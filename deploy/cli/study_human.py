@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
+from deploy.cli.commands import Command
 from deploy.system import LOG_FILE
 
 if TYPE_CHECKING:
@@ -44,39 +45,51 @@ a file of answers; `choices` may be left out, and then has no weighted score:
 """
 
 
-def add_commands(commands: Any, root: Path) -> None:
-    """Add both to the subcommands of ``trill study``; ``root`` is the usual directory."""
-    add = commands.add_parser(
-        "add",
-        help="take in a person's trials from a log",
-        description=ADD,
-        epilog=ADD_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+def commands(root: Path) -> tuple[Command, Command]:
+    """Both, as subcommands of ``trill study``; ``root`` is the usual directory."""
+    return (
+        Command(
+            "add",
+            "take in a person's trials from a log",
+            ADD,
+            ADD_EXAMPLES,
+            lambda parser: _add_options(parser, root),
+            _add,
+        ),
+        Command(
+            "tlx",
+            "ask a person for the workload",
+            TLX,
+            TLX_EXAMPLES,
+            lambda parser: _tlx_options(parser, root),
+            _tlx,
+        ),
     )
+
+
+def _add_options(add: argparse.ArgumentParser, root: Path) -> None:
     add.add_argument("log", type=Path, help="the run's directory or its log")
     add.add_argument(
         "--anyway",
         action="store_true",
         help="also where measured latencies are not the condition's",
     )
-    add.set_defaults(study=_add)
-    tlx = commands.add_parser(
-        "tlx",
-        help="ask a person for the workload",
-        description=TLX,
-        epilog=TLX_EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    _session_options(add, root)
+
+
+def _tlx_options(tlx: argparse.ArgumentParser, root: Path) -> None:
     tlx.add_argument("--task", required=True, help="which was done")
     tlx.add_argument("--seeds", type=int, nargs="*", default=[], help="of the trials it is about")
     tlx.add_argument("--no-pairs", action="store_true", help="only the six scales")
     tlx.add_argument("--remarks", default="", help="of the person; asked for if not given")
     tlx.add_argument("--answers", type=Path, metavar="FILE.json", help="do not ask; take these")
-    tlx.set_defaults(study=_tlx)
-    for parser in (add, tlx):
-        parser.add_argument("--participant", required=True, help="pseudonym, as P01; never a name")
-        parser.add_argument("--condition", required=True, help="its name in the study")
-        parser.add_argument("--out", type=Path, default=root, help=f"the study ({root})")
+    _session_options(tlx, root)
+
+
+def _session_options(parser: argparse.ArgumentParser, root: Path) -> None:
+    parser.add_argument("--participant", required=True, help="pseudonym, as P01; never a name")
+    parser.add_argument("--condition", required=True, help="its name in the study")
+    parser.add_argument("--out", type=Path, default=root, help=f"the study ({root})")
 
 
 def _add(arguments: argparse.Namespace) -> int:
