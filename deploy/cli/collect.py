@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from common.errors import ConfigError
 from deploy.cli.collected import check_files, reindex, show_info
 from deploy.cli.commands import Command
+from deploy.extras import require
 
 if TYPE_CHECKING:
     from studies.collect.crew import Crew
@@ -167,7 +168,7 @@ def _seed(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what was asked for; 0, 1, or an exception of this project."""
-    _check_installed()
+    require("trill collect", "collect", "h5py", "mujoco", "pinocchio")
     asked = [arguments.task, arguments.info, arguments.reindex, arguments.check]
     if sum(value is not None for value in asked) != 1:
         raise ConfigError(
@@ -184,18 +185,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.reindex is not None:
         return reindex(arguments.reindex)
     return _collect(arguments)
-
-
-def _check_installed() -> None:
-    try:
-        import h5py
-        import mujoco
-        import pinocchio
-    except ImportError as error:
-        raise ConfigError(
-            f"trill collect needs the package {error.name}: pip install 'trill[collect]'"
-        ) from error
-    del h5py, mujoco, pinocchio
 
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":

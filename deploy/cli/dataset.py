@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
 from deploy.cli.commands import Command, run_chosen
+from deploy.extras import require
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,7 +120,13 @@ def _quality(text: str) -> int:
 
 def _export(arguments: argparse.Namespace) -> int:
     options = _options(arguments)
-    _check_installed(arguments.format)
+    lerobot = arguments.format == "lerobot"
+    require(
+        f"trill dataset export --format {arguments.format}",
+        "lerobot" if lerobot else "collect",
+        *("cv2", "h5py", "mujoco", "pinocchio"),
+        *(("av", "pyarrow") if lerobot else ()),
+    )
     from studies.datasets.source import Choice, choose
 
     choice = Choice(
@@ -174,27 +181,6 @@ def _options(arguments: argparse.Namespace) -> dict[str, Any]:
         raise ConfigError("--crf is for video; leave it out, or --pictures")
     crf = arguments.crf if arguments.crf is not None else _LEROBOT_CRF
     return {"video": video, "crf": crf}
-
-
-def _check_installed(form: str) -> None:
-    extra = "lerobot" if form == "lerobot" else "collect"
-    try:
-        import cv2
-        import h5py
-        import mujoco
-        import pinocchio
-
-        if form == "lerobot":
-            import av
-            import pyarrow
-
-            del av, pyarrow
-        del cv2, h5py, mujoco, pinocchio
-    except ImportError as error:
-        raise ConfigError(
-            f"trill dataset export --format {form} needs the package {error.name}: "
-            f"pip install 'trill[{extra}]'"
-        ) from error
 
 
 def _beside(dirs: list[Path], form: str) -> Path:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from common.errors import ConfigError
 from deploy.cli import study_human
 from deploy.cli.commands import Command, run_chosen
+from deploy.extras import require
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -61,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study that was asked for; 0, 1, or an exception of this project."""
-    _check_installed()
+    require("trill study", "study", "mujoco", "pinocchio")
     return run_chosen(arguments, "study")
 
 
@@ -110,17 +111,6 @@ def _positive(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise argparse.ArgumentTypeError(f"expected a number from 1 up, got {text!r}")
     return int(text)
-
-
-def _check_installed() -> None:
-    try:
-        import mujoco
-        import pinocchio
-    except ImportError as error:
-        raise ConfigError(
-            f"trill study needs the package {error.name}: pip install 'trill[study]'"
-        ) from error
-    del mujoco, pinocchio
 
 
 def _plan(arguments: argparse.Namespace) -> "Plan":

@@ -1,6 +1,8 @@
 """Many trials: what is kept is not run again, whatever happened in between."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +10,8 @@ import pytest
 
 from common.errors import ConfigError, TrillError
 from studies.tasks import campaign
-from studies.tasks.__main__ import main
 from studies.tasks.campaign import Kept, run_campaign
+from studies.tasks.command import main
 from studies.tasks.stack import TrialResult, TrialSpec
 
 SPEC = TrialSpec("door/unlock", 3, physics_steps=5)
@@ -131,7 +133,7 @@ def test_trouble_is_no_wrong_option(
     def lost(*_: object) -> None:
         raise TrillError("the worker was lost")
 
-    monkeypatch.setattr("studies.tasks.__main__.run_campaign", lost)
+    monkeypatch.setattr("studies.tasks.command.run_campaign", lost)
     assert main(["run", "door/unlock", "--seeds", "0"]) == 1
     assert "the worker was lost" in capsys.readouterr().err
     assert main(["run", "door/unlock", "--out", str(tmp_path)]) == 2
@@ -146,3 +148,15 @@ def test_a_campaign_runs_what_is_missing(tmp_path: Path) -> None:
     assert (first.seed, first.verdict, second) == (0, "success", result(3))
     assert told == [first]
     assert len(path.read_text().splitlines()) == 2
+
+
+def test_a_missing_package_is_told_in_words() -> None:
+    code = (
+        "import sys; sys.modules['mujoco'] = None\n"
+        "from studies.tasks.__main__ import main\n"
+        "raise SystemExit(main())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "needs the package mujoco: pip install 'trill[study]'" in done.stderr
+    assert "Traceback" not in done.stderr

@@ -7,7 +7,7 @@ import pytest
 
 from deploy.review.film import gather
 from services.sim.errors import RenderingUnavailableError
-from studies.tasks.__main__ import main
+from studies.tasks.command import main
 from studies.tasks.film import LARGEST, FilmError, write_sheet
 from studies.tasks.stack import TrialResult
 from tests.deploy.synthetic import Life

@@ -9,7 +9,7 @@ from common.errors import ConfigError
 from common.schemas import LinkChange, Setpoint, TaskVerdict
 from common.topics import LINK_CHANGE, TELEOP_SETPOINT
 from services.sim.tasks import find_task
-from studies.tasks.__main__ import main, seed_range
+from studies.tasks.command import main, seed_range
 from studies.tasks.links import chosen_links
 from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
 from studies.tasks.table import line, summary
