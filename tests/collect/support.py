@@ -1,17 +1,22 @@
 """Invented episodes, for tests of everything but the trial itself."""
 
+import hashlib
 import random
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
+from studies.collect.collect import collect
 from studies.collect.columns import COLUMNS, Rows
 from studies.collect.episode import Made
 from studies.collect.fileformat import EpisodeMeta, to_bytes
 from studies.collect.recipe import Recipe, source, versions
+from studies.collect.store import Store
 
+FAILING = {1, 4, 5, 6, 11}
 RECIPE = Recipe(task="door/unlock", physics_steps=5, eyes=None)
 
 
@@ -83,3 +88,19 @@ class FakeCrew:
     def end(self) -> None:
         self._pool.shutdown()
         self.ended = True
+
+
+def digests(root: Path) -> dict[str, str]:
+    """SHA-256 of every file but the lock."""
+    return {
+        str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(root.rglob("*"))
+        if path.is_file() and path.name != ".lock"
+    }
+
+
+def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeCrew:
+    """Collect with an invented crew, in which the seeds ``FAILING`` are no success."""
+    crew = FakeCrew(jobs, FAILING, haste)
+    collect(RECIPE, Store(root), lambda: crew, wanted=wanted, max_trials=most)
+    return crew

@@ -1,8 +1,6 @@
 """Which trials are run and kept, whoever is how fast and whatever was there before."""
 
 import errno
-import hashlib
-import json
 import random
 from concurrent.futures import Future
 from functools import partial
@@ -10,30 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from common.errors import ConfigError
 from studies.collect.collect import Standing, collect
-from studies.collect.dataset import Build, DatasetFile, read_dataset
+from studies.collect.dataset import Build
 from studies.collect.episode import Made
 from studies.collect.errors import CollectError
 from studies.collect.store import INDEX, IndexLine, Store
-from tests.collect.support import RECIPE, FakeCrew, made, meta
-
-FAILING = {1, 4, 5, 6, 11}
-
-
-def digests(root: Path) -> dict[str, str]:
-    """SHA-256 of every file but the lock."""
-    return {
-        str(path.relative_to(root)): hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(root.rglob("*"))
-        if path.is_file() and path.name != ".lock"
-    }
-
-
-def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeCrew:
-    crew = FakeCrew(jobs, FAILING, haste)
-    collect(RECIPE, Store(root), lambda: crew, wanted=wanted, max_trials=most)
-    return crew
+from tests.collect.support import FAILING, RECIPE, FakeCrew, digests, gather, made, meta
 
 
 def _same(crew: FakeCrew) -> FakeCrew:
@@ -155,89 +135,6 @@ def test_a_trial_that_costs_every_worker_ends_it_and_what_is_done_is_kept(tmp_pa
         collect(RECIPE, Store(tmp_path), lambda: crew, wanted=5)
     assert crew.ended
     assert 1 in [line.meta.seed for line in Store(tmp_path).scan()]
-
-
-OTHER = Build(source="0" * 64, versions=Build.here().versions)
-
-
-def test_other_code_is_refused_unless_accepted(tmp_path: Path) -> None:
-    gather(tmp_path, 1)
-    (tmp_path / "dataset.json").write_bytes(DatasetFile(recipe=RECIPE, builds=(OTHER,)).content())
-    before = digests(tmp_path)
-    with pytest.raises(ConfigError, match=r"accept-changes(.|\n)*source: 000000000000 \| "):
-        gather(tmp_path, 2)
-    assert digests(tmp_path) == before
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, FAILING), wanted=2, accept_changes=True)
-    file = read_dataset(tmp_path)
-    assert file is not None
-    assert [build.source for build in file.builds] == [OTHER.source, Build.here().source]
-    gather(tmp_path, 3)
-    assert read_dataset(tmp_path) == file
-
-
-def test_a_data_set_of_before_builds_were_kept_is_of_unknown_code(tmp_path: Path) -> None:
-    gather(tmp_path, 1)
-    (tmp_path / "dataset.json").write_text(RECIPE.model_dump_json())
-    assert len(Store(tmp_path).scan()) == 1
-    with pytest.raises(ConfigError, match="unknown"):
-        gather(tmp_path, 2)
-
-
-def test_what_is_wrong_in_the_description_is_named(tmp_path: Path) -> None:
-    gather(tmp_path, 1)
-    path = tmp_path / "dataset.json"
-    path.write_text(path.read_text().replace('"torque_mode": "relaxed"', '"torque_mode": "lazy"'))
-    with pytest.raises(CollectError, match=r"recipe\.torque_mode") as error:
-        read_dataset(tmp_path)
-    assert "task" not in str(error.value)
-
-
-def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(CollectError, match="runs other code"):
-        collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=1, build=OTHER)
-    assert Store(tmp_path).files() == []
-
-
-def test_another_revision_of_the_same_source_is_no_change(tmp_path: Path) -> None:
-    gather(tmp_path, 1)
-    before = (tmp_path / "dataset.json").read_bytes()
-    build = Build.here().model_copy(update={"revision": "elsewhere"})
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, FAILING), wanted=2, build=build)
-    assert (tmp_path / "dataset.json").read_bytes() == before
-
-
-def test_another_recipe_is_refused_with_what_differs(tmp_path: Path) -> None:
-    gather(tmp_path, 1)
-    other = RECIPE.model_copy(update={"raw_hands": True})
-    with pytest.raises(ConfigError, match=r"raw_hands: False \| True"):
-        collect(other, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2)
-
-
-def test_another_first_seed_is_refused(tmp_path: Path) -> None:
-    gather(tmp_path, 1)
-    with pytest.raises(ConfigError, match="begun with --seed 0, not 1"):
-        collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=1)
-
-
-def test_it_goes_on_from_the_seed_it_was_begun_with(tmp_path: Path) -> None:
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=100)
-    # As after a kill: a later trial had ended, the first had not.
-    (tmp_path / "episodes" / "000100.h5").unlink()
-    crew = FakeCrew(1, {102})
-    collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3)
-    assert crew.given == [100, 102, 103]
-
-
-def test_a_set_that_does_not_say_its_first_seed_goes_on_from_its_smallest(tmp_path: Path) -> None:
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=7)
-    path = tmp_path / "dataset.json"
-    about = json.loads(path.read_text())
-    del about["first_seed"]
-    path.write_text(json.dumps(about))
-    crew = FakeCrew(1, set())
-    collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3)
-    assert crew.given == [9]
-    assert json.loads(path.read_text())["first_seed"] == 7
 
 
 def test_two_writers_are_refused(tmp_path: Path) -> None:

@@ -4,81 +4,26 @@ import numpy as np
 import pytest
 
 from common.schemas import (
-    CameraFrame,
     Estop,
     Gait,
     GaitOutcome,
     GaitRequest,
-    GuardMode,
-    Header,
-    OperatorStatus,
     PlantAction,
     PlantRequest,
 )
 from common.topics import (
-    CAMERA_LEFT,
     ESTOP,
     PLANT_REQUEST,
     PLANT_STATUS,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
-    TELEOP_STATUS,
-    WBC_STATE,
 )
 from services.teleop.hand import home_pose
-from services.teleop.keyboard import KeyboardOperator
 from services.teleop.keymap import BY_KEY
-from services.teleop.rotations import Array, rotation_vector
-from services.teleop.screen import HEIGHT
-from services.teleop.targets import OperatorTargets
+from services.teleop.rotations import rotation_vector
 
-from .support import Bench, FakeController, FakeInputs, controller_state, plant_status
-
-ESCAPE = {"up": b"\x1b[A", "down": b"\x1b[B", "right": b"\x1b[C", "left": b"\x1b[D"}
-
-
-class FakeScreen:
-    def __init__(self) -> None:
-        self.typed: list[bytes | None] = []
-        self.lines: list[str] = []
-        self.closed = 0
-
-    def read(self) -> bytes | None:
-        return self.typed.pop(0) if self.typed else b""
-
-    def draw(self, lines: Sequence[str]) -> None:
-        self.lines = list(lines)
-
-    def close(self) -> None:
-        self.closed += 1
-
-    @property
-    def text(self) -> str:
-        return "\n".join(self.lines)
-
-
-class Desk:
-    """A keyboard operator that has listened long enough, and its fake surroundings."""
-
-    def __init__(self, controller: FakeController | None = None, settle: float = 4.0) -> None:
-        self.screen = FakeScreen()
-        self.operator = KeyboardOperator(self.screen)
-        self.bench = Bench(self.operator, controller or FakeController())
-        self.bench.run(settle)
-
-    def type(self, *keys: str, run: float = 0.05) -> "Desk":
-        for key in keys:
-            named = {"space": b" ", "Esc": b"\x1b"} | ESCAPE
-            self.screen.typed.append(named.get(key, key.encode()))
-        self.bench.run(0.05 * len(keys) + run)
-        return self
-
-    def hand(self, side: str) -> tuple[Array, Array]:
-        message = self.bench.messages(TELEOP_SETPOINT)[-1]
-        return (
-            getattr(message, f"{side}_hand_position_in_body"),
-            getattr(message, f"{side}_hand_quaternion_in_body"),
-        )
+from .desk import Desk
+from .support import FakeController, plant_status
 
 
 def test_hands_go_home_first() -> None:
@@ -273,86 +218,3 @@ def test_escape_or_a_lost_terminal_ends_it() -> None:
     assert desk.operator.exit_code == 0
     desk.operator.close()
     assert desk.screen.closed == 1
-
-
-def status(finished: bool = False) -> OperatorStatus:
-    return OperatorStatus(script="demo", step=3, steps=9, label="reach", finished=finished)
-
-
-def test_it_watches_while_a_script_runs_and_takes_over_without_a_jump() -> None:
-    desk = Desk(settle=0.0)
-    other = OperatorTargets()
-    other.hands["left"].place(np.array([0.42, 0.2, 0.2]), other.hands["left"].quaternion)
-    setpoint = other.setpoint(5).model_copy(update={"header": Header(source="teleop")})
-    desk.bench.inputs.put(TELEOP_STATUS, status())
-    desk.bench.inputs.put(TELEOP_SETPOINT, setpoint)
-    desk.bench.run(2.0)
-    desk.type("w", "i", "g", "h", run=0.2)
-    assert desk.bench.messages(TELEOP_SETPOINT) == []
-    assert desk.bench.messages(TELEOP_GAIT) == []
-    assert "script      demo 3/9 reach" in desk.screen.text
-    assert "not sent, the script 'demo' has the robot" in desk.screen.text
-    desk.type("x", "x")
-    assert len(desk.bench.messages(ESTOP)) == 1
-
-    desk.bench.inputs.put(TELEOP_STATUS, status(finished=True))
-    desk.bench.run(0.05)
-    assert "taking over from teleop" in desk.screen.text
-    np.testing.assert_allclose(desk.hand("left")[0], [0.42, 0.2, 0.2])
-    desk.bench.run(2.0)
-    np.testing.assert_allclose(desk.hand("left")[0], [0.42, 0.2, 0.2])
-
-
-def test_it_listens_for_a_second_before_it_commands() -> None:
-    desk = Desk(settle=0.9)
-    assert desk.bench.messages(TELEOP_SETPOINT) == []
-    desk.bench.run(0.3)
-    assert len(desk.bench.messages(TELEOP_SETPOINT)) >= 1
-
-
-def test_the_screen_tells_state_ages_and_falls_and_fits() -> None:
-    desk = Desk()
-    inputs = desk.bench.inputs
-    inputs.put(PLANT_STATUS, plant_status(fallen=True, guard=GuardMode.DAMP), age=0.12)
-    desk.bench.run(0.1)
-    inputs.put(PLANT_STATUS, plant_status(), age=0.12)
-    desk.bench.run(0.1)
-    assert "BALANCE" in desk.screen.text
-    assert "falls 1" in desk.screen.text
-    assert "torque from state 4/9 ms old" in desk.screen.text
-    assert "120 ms ago" in desk.screen.text
-    assert len(desk.screen.lines) <= HEIGHT
-    desk.type("w", "a", "s", "d", run=0.2)
-    assert len(desk.screen.lines) <= HEIGHT
-
-
-def test_the_screen_tells_how_far_behind_the_eyes_are() -> None:
-    desk = Desk()
-    assert "behind" not in desk.screen.text
-    late = controller_state()
-    stamp = late.header.stamp + 250_000_000
-    picture = CameraFrame(
-        header=late.header, eye="left", width=2, height=1, encoding="rgb8", data=bytes(6)
-    )
-    feedback = {
-        CAMERA_LEFT: picture,
-        WBC_STATE: late.model_copy(update={"header": Header(stamp=stamp)}),
-    }
-    inputs = FakeInputs()
-    for topic, message in feedback.items():
-        inputs.put(topic, message)
-    desk.operator.step(inputs, 10_000_000_000)
-    assert "sees 250 ms behind" in desk.screen.text
-    inputs.put(CAMERA_LEFT, picture, age=0.6)
-    desk.operator.step(inputs, 10_050_000_000)
-    assert "behind" not in desk.screen.text
-
-
-def test_without_a_robot_the_screen_says_so() -> None:
-    screen = FakeScreen()
-    operator = KeyboardOperator(screen)
-    bench = Bench(operator)
-    bench.inputs.messages.clear()
-    bench.inputs.ages.clear()
-    operator.step(bench.inputs, 10)
-    assert screen.text.count("never heard") == 2

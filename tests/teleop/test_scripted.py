@@ -1,5 +1,3 @@
-from collections.abc import Sequence
-
 import numpy as np
 import pytest
 
@@ -7,12 +5,11 @@ from common.schemas import (
     ControlState,
     Gait,
     GaitOutcome,
-    GaitRequest,
     GuardMode,
     OperatorStatus,
     Setpoint,
 )
-from common.topics import PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, TELEOP_STATUS, WBC_STATE
+from common.topics import PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
 from services.teleop.hand import hand_quaternion
 from services.teleop.library import SCRIPTS, ScriptOptions
 from services.teleop.rotations import rotation_vector
@@ -22,15 +19,14 @@ from services.teleop.script import (
     Mark,
     Move,
     Neck,
-    Script,
     Sine,
-    Step,
     Together,
     Wait,
     Walk,
 )
-from services.teleop.scripted import LABEL_WAITING, ScriptedConfig, ScriptedOperator
+from services.teleop.scripted import LABEL_WAITING, ScriptedOperator
 
+from .scripts import bench, last_status, left, operator, scripted
 from .support import Bench, FakeController, controller_state, plant_status
 
 A, R, C, X = (
@@ -39,30 +35,6 @@ A, R, C, X = (
     GaitOutcome.COMPLETED,
     GaitOutcome.ABORTED,
 )
-
-
-def operator(*steps: Step, start_timeout: float = 60.0) -> ScriptedOperator:
-    script = Script(name="t", steps=steps)
-    return ScriptedOperator(script, ScriptedConfig(start_timeout=start_timeout))
-
-
-def bench(*steps: Step, controller: FakeController | None = None) -> Bench:
-    return Bench(operator(*steps), controller or FakeController())
-
-
-def scripted(bench: Bench) -> ScriptedOperator:
-    assert isinstance(bench.service, ScriptedOperator)
-    return bench.service
-
-
-def last_status(bench: Bench) -> OperatorStatus:
-    status = bench.messages(TELEOP_STATUS)[-1]
-    assert isinstance(status, OperatorStatus)
-    return status
-
-
-def left(x: float, y: float, z: float) -> HandPose:
-    return HandPose(position=(x, y, z))
 
 
 def test_setpoints_go_out_every_tick_and_a_second_longer_than_the_script() -> None:
@@ -143,105 +115,6 @@ def test_grippers_and_neck_ramp_and_are_waited_for() -> None:
     assert neck[-1] == pytest.approx(0.3)
     assert closure[neck > 0][0][0] == 1.0
     assert closure[:, 1][neck < 0.29].max() == 0.0
-
-
-def test_gaits_are_asked_for_one_after_another() -> None:
-    b = bench(Walk(gait=Gait.FORWARD, count=2), Walk(gait=Gait.TURN_LEFT)).run(20)
-    requests = b.controller.requests
-    assert [r.gait for r in requests] == [Gait.FORWARD, Gait.FORWARD, Gait.TURN_LEFT]
-    first = requests[0].request_id
-    assert [r.request_id for r in requests] == [first, first + 1, first + 2]
-    times = b.times(TELEOP_GAIT)
-    assert np.diff(times).min() >= 1_000_000_000
-    assert b.service.exit_code == 0
-
-
-def test_request_ids_start_at_the_clock_so_a_later_operator_repeats_none() -> None:
-    b = bench(Walk(gait=Gait.FORWARD)).run(5)
-    assert b.controller.requests[0].request_id == 7050
-
-
-def test_a_refused_gait_is_asked_for_again_after_a_pause_with_a_new_id() -> None:
-    def answer(_request: GaitRequest, number: int) -> Sequence[GaitOutcome]:
-        return [R] if number < 3 else [A, C]
-
-    b = bench(Walk(gait=Gait.BACKWARD), controller=FakeController(answer=answer)).run(20)
-    ids = [r.request_id for r in b.controller.requests]
-    assert ids == [ids[0] + i for i in range(4)]
-    assert np.diff(b.times(TELEOP_GAIT)).min() >= 500_000_000
-    assert b.service.exit_code == 0
-
-
-def test_a_gait_refused_too_often_fails_the_script_with_the_reason() -> None:
-    b = bench(
-        Mark(label="go"), Walk(gait=Gait.BACKWARD), controller=FakeController(answer=lambda *_: [R])
-    ).run(30)
-    assert len(b.controller.requests) == 10
-    assert b.service.exit_code == 1
-    expected = "step 2/2 (go): backward was refused 10 times: because"
-    assert scripted(b).failure == expected
-    assert last_status(b).failed == expected
-    assert last_status(b).finished
-
-
-def test_an_unanswered_request_is_sent_again_with_the_same_id() -> None:
-    def answer(_request: GaitRequest, number: int) -> Sequence[GaitOutcome]:
-        return [] if number < 2 else [A, C]
-
-    b = bench(Walk(gait=Gait.FORWARD), controller=FakeController(answer=answer)).run(20)
-    assert len({r.request_id for r in b.controller.requests}) == 1
-    assert np.diff(b.times(TELEOP_GAIT)).min() == pytest.approx(2e9, abs=6e7)
-    assert b.service.exit_code == 0
-
-
-def test_a_request_never_answered_fails_the_script() -> None:
-    silent = FakeController(answer=lambda *_: [])
-    b = bench(Walk(gait=Gait.FORWARD), controller=silent).run(30)
-    assert len(b.controller.requests) == 4
-    assert b.service.exit_code == 1
-    assert "forward was asked for 4 times, 2 s apart, without an answer" in scripted(b).failure
-
-
-def test_lost_replies_are_made_up_for_by_the_state_and_the_gait_is_not_repeated() -> None:
-    b = bench(
-        Walk(gait=Gait.FORWARD, count=2), controller=FakeController(mute=True, gait_seconds=3.0)
-    ).run(30)
-    assert [r.gait for r in b.controller.requests] == [Gait.FORWARD] * 2
-    assert b.controller.requests[0].request_id != b.controller.requests[1].request_id
-    assert b.controller.completed == 2
-    assert b.service.exit_code == 0
-
-
-def test_lost_replies_of_a_gait_shorter_than_the_timeout_do_not_repeat_it() -> None:
-    b = bench(Walk(gait=Gait.FORWARD), controller=FakeController(mute=True)).run(30)
-    assert len(b.controller.requests) == 1
-    assert b.service.exit_code == 0
-
-
-def test_a_refusal_of_a_second_copy_is_no_refusal() -> None:
-    def answer(_request: GaitRequest, number: int) -> Sequence[GaitOutcome]:
-        return [A, C]
-
-    b = bench(Walk(gait=Gait.FORWARD), controller=FakeController(answer=answer))
-    b.run(0.3)
-    request = b.controller.requests[0]
-    b.inputs.queues["wbc/reply"] = [FakeController._reply(request, R)]
-    b.run(10)
-    assert len(b.controller.requests) == 1
-    assert b.service.exit_code == 0
-
-
-def test_an_aborted_gait_fails_the_script() -> None:
-    aborting = FakeController(answer=lambda *_: [A, X])
-    b = bench(Walk(gait=Gait.FORWARD), Wait(seconds=9), controller=aborting).run(30)
-    assert b.service.exit_code == 1
-    assert scripted(b).failure == "step 1/2: forward was aborted: because"
-
-
-def test_a_gait_that_does_not_end_fails_the_script() -> None:
-    b = bench(Walk(gait=Gait.FORWARD), controller=FakeController(gait_seconds=99.0)).run(60)
-    assert b.service.exit_code == 1
-    assert "accepted but not completed within 30 s" in scripted(b).failure
 
 
 @pytest.mark.parametrize(
