@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 
-from common.topics import (
-    TELEOP_SETPOINT,
-)
+from common.topics import TELEOP_SETPOINT
 from services.teleop.keyboard import KeyboardOperator
 from services.teleop.rotations import Array
 

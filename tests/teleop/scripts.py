@@ -1,14 +1,8 @@
 """Short scripts run on an invented robot."""
 
-from common.schemas import (
-    OperatorStatus,
-)
+from common.schemas import OperatorStatus
 from common.topics import TELEOP_STATUS
-from services.teleop.script import (
-    HandPose,
-    Script,
-    Step,
-)
+from services.teleop.script import HandPose, Script, Step
 from services.teleop.scripted import ScriptedConfig, ScriptedOperator
 
 from .support import Bench, FakeController

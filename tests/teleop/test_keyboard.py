@@ -3,21 +3,8 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from common.schemas import (
-    Estop,
-    Gait,
-    GaitOutcome,
-    GaitRequest,
-    PlantAction,
-    PlantRequest,
-)
-from common.topics import (
-    ESTOP,
-    PLANT_REQUEST,
-    PLANT_STATUS,
-    TELEOP_GAIT,
-    TELEOP_SETPOINT,
-)
+from common.schemas import Estop, Gait, GaitOutcome, GaitRequest, PlantAction, PlantRequest
+from common.topics import ESTOP, PLANT_REQUEST, PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT
 from services.teleop.hand import home_pose
 from services.teleop.keymap import BY_KEY
 from services.teleop.rotations import rotation_vector

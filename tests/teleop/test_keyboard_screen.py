@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from common.schemas import (
-    CameraFrame,
-    GuardMode,
-    Header,
-    OperatorStatus,
-)
+from common.schemas import CameraFrame, GuardMode, Header, OperatorStatus
 from common.topics import (
     CAMERA_LEFT,
     ESTOP,

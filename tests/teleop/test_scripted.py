@@ -1,40 +1,18 @@
 import numpy as np
 import pytest
 
-from common.schemas import (
-    ControlState,
-    Gait,
-    GaitOutcome,
-    GuardMode,
-    OperatorStatus,
-    Setpoint,
-)
+from common.schemas import ControlState, Gait, GaitOutcome, GuardMode, OperatorStatus, Setpoint
 from common.topics import PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
 from services.teleop.hand import hand_quaternion
 from services.teleop.library import SCRIPTS, ScriptOptions
 from services.teleop.rotations import rotation_vector
-from services.teleop.script import (
-    Grip,
-    HandPose,
-    Mark,
-    Move,
-    Neck,
-    Sine,
-    Together,
-    Wait,
-    Walk,
-)
+from services.teleop.script import Grip, HandPose, Mark, Move, Neck, Sine, Together, Wait, Walk
 from services.teleop.scripted import LABEL_WAITING, ScriptedOperator
 
 from .scripts import bench, last_status, left, operator, scripted
 from .support import Bench, FakeController, controller_state, plant_status
 
-A, R, C, X = (
-    GaitOutcome.ACCEPTED,
-    GaitOutcome.REFUSED,
-    GaitOutcome.COMPLETED,
-    GaitOutcome.ABORTED,
-)
+A, R, C, X = (GaitOutcome.ACCEPTED, GaitOutcome.REFUSED, GaitOutcome.COMPLETED, GaitOutcome.ABORTED)
 
 
 def test_setpoints_go_out_every_tick_and_a_second_longer_than_the_script() -> None:

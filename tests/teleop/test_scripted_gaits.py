@@ -5,27 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from common.schemas import (
-    Gait,
-    GaitOutcome,
-    GaitRequest,
-)
+from common.schemas import Gait, GaitOutcome, GaitRequest
 from common.topics import TELEOP_GAIT
-from services.teleop.script import (
-    Mark,
-    Wait,
-    Walk,
-)
+from services.teleop.script import Mark, Wait, Walk
 
 from .scripts import bench, last_status, scripted
 from .support import FakeController
 
-A, R, C, X = (
-    GaitOutcome.ACCEPTED,
-    GaitOutcome.REFUSED,
-    GaitOutcome.COMPLETED,
-    GaitOutcome.ABORTED,
-)
+A, R, C, X = (GaitOutcome.ACCEPTED, GaitOutcome.REFUSED, GaitOutcome.COMPLETED, GaitOutcome.ABORTED)
 
 
 def test_gaits_are_asked_for_one_after_another() -> None:
