@@ -89,6 +89,11 @@ class Extent:
     start_ns: int
     end_ns: int
 
+    @property
+    def seconds(self) -> float:
+        """From the first message to the last [s]."""
+        return 1e-9 * (self.end_ns - self.start_ns)
+
 
 def extent_of(path: Path) -> Extent:
     """Read a log through.
@@ -216,8 +221,14 @@ def play(path: Path, options: PlayOptions) -> int:
         LoggerError: the log cannot be read.
         BusError: the bus cannot be opened.
         DeployError: the log is empty, or somebody of the chosen name is on the bus.
+        ConfigError: the window begins after the log's end.
     """
     extent = extent_of(path)
+    if options.window[0] > extent.seconds:
+        raise ConfigError(
+            f"--from: expected at most {extent.seconds:.1f}, since {path} lasts so many seconds; "
+            f"got {options.window[0]:g}"
+        )
     if not options.named:
         named = {"robot": f"{extent.robot}{SUFFIX}"[:64]}
         options = replace(options, bus=options.bus.model_copy(update=named))
@@ -253,7 +264,7 @@ def _play(player: Player, watchdog: Watchdog, extent: Extent, options: PlayOptio
         flush=True,
     )
     first, last = options.window
-    last = min(last, 1e-9 * (extent.end_ns - extent.start_ns))
+    last = min(last, extent.seconds)
     with _bar() as bar:
         task: TaskID = bar.add_task("", total=max(last - first, 1e-9))
         while True:

@@ -229,3 +229,10 @@ def test_an_empty_log_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture[s
 def test_the_extent_of_a_log(log: tuple[Path, list[RawSample]]) -> None:
     extent = extent_of(log[0])
     assert (extent.robot, extent.start_ns, extent.end_ns) == ("draco3", 10**9, 2 * 10**9)
+
+
+def test_a_window_after_the_end_is_refused(
+    log: tuple[Path, list[RawSample]], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["replay", str(log[0]), "--from", "1.5"]) == 2
+    assert "--from: expected at most 1.0" in capsys.readouterr().err
