@@ -19,8 +19,11 @@ def require(who: str, extra: str, *packages: str) -> None:
     for package in packages:
         try:
             import_module(package)
-        except ImportError as error:
+        except ModuleNotFoundError as error:
             raise ConfigError(
                 f"{who} needs the package {error.name}: pip install 'trill[{extra}]' (or -e "
                 f"'.[{extra}]' in a checkout)"
             ) from error
+        except ImportError as error:
+            # There, but broken: a library of the system's may be missing.
+            raise ConfigError(f"{who} cannot use the package {package}: {error}") from error

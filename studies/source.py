@@ -1,9 +1,12 @@
-"""Which code it is: a digest of the modules that decide what a trial comes to, and the revision."""
+"""Which code it is: a digest of the modules that decide what a trial comes to, and versions."""
 
 import ast
 import hashlib
 import subprocess
+from collections.abc import Sequence
+from contextlib import suppress
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -11,6 +14,8 @@ _WALKED = ("services.sim.tasks",)
 """Packages whose modules are found by walking, not by an import statement."""
 _DATA = {".xml", ".json", ".toml", ".npy", ".npz", ".stl", ".obj", ".png"}
 _PATIENCE = 10.0
+PHYSICS = ("mujoco", "pin", "osqp", "daqp", "scipy", "numpy")
+"""Packages whose versions can change what the robot does."""
 
 
 def _file(module: str) -> Path | None:
@@ -72,6 +77,15 @@ def digest(root: str) -> str:
         total.update(f"{name} {len(content)}\n".encode())
         total.update(content)
     return total.hexdigest()
+
+
+def package_versions(packages: Sequence[str]) -> dict[str, str]:
+    """Version of each of ``packages`` that is installed."""
+    found = {}
+    for package in packages:
+        with suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
 
 
 @cache

@@ -168,7 +168,7 @@ def _seed(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what was asked for; 0, 1, or an exception of this project."""
-    require("trill collect", "collect", "h5py", "mujoco", "pinocchio")
+    require("trill collect", "collect", "cv2", "h5py", "mujoco", "pinocchio", "scipy")
     asked = [arguments.task, arguments.info, arguments.reindex, arguments.check]
     if sum(value is not None for value in asked) != 1:
         raise ConfigError(
@@ -176,6 +176,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
     if arguments.info is None and (arguments.sheet or arguments.episode is not None):
         raise ConfigError("--sheet and --episode go with --info DIR")
+    if arguments.episode is not None and arguments.sheet is None:
+        raise ConfigError("--episode says which one --sheet draws: give both")
     if arguments.check is None and arguments.remake is not None:
         raise ConfigError("--remake goes with --check DIR")
     if arguments.check is not None:

@@ -124,7 +124,7 @@ def _export(arguments: argparse.Namespace) -> int:
     require(
         f"trill dataset export --format {arguments.format}",
         "lerobot" if lerobot else "collect",
-        *("cv2", "h5py", "mujoco", "pinocchio"),
+        *("cv2", "h5py", "mujoco", "pinocchio", "scipy"),
         *(("av", "pyarrow") if lerobot else ()),
     )
     from studies.datasets.source import Choice, choose

@@ -62,7 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study that was asked for; 0, 1, or an exception of this project."""
-    require("trill study", "study", "mujoco", "pinocchio")
+    require("trill study", "study", "mujoco", "pinocchio", "scipy")
     return run_chosen(arguments, "study")
 
 

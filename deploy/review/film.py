@@ -157,7 +157,8 @@ def _take(film: Film, started: dict[int, int], now: int, message: Message) -> No
             film.labels.append((now, message.label))
     elif isinstance(message, GaitReply):
         if message.outcome is GaitOutcome.ACCEPTED:
-            started[message.request_id] = now
+            # Said again to a request that is sent again, when the gait is under way.
+            started.setdefault(message.request_id, now)
         elif message.outcome is GaitOutcome.COMPLETED and message.request_id in started:
             start = started.pop(message.request_id)
             film.strides.append(Stride(start, now, message.gait))

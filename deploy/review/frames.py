@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from common.files import write_whole
 from common.schemas import CameraFrame
 from deploy.errors import DeployError
 
@@ -18,12 +19,15 @@ _WHITE, _SHADE = (255, 255, 255), (20, 24, 28)
 
 
 def decoded(frame: CameraFrame) -> Image:
-    """A camera message as (height, width, 3) RGB; black where a JPEG is damaged."""
+    """A camera message as (height, width, 3) RGB; black where it is damaged."""
+    black = np.zeros((frame.height, frame.width, 3), np.uint8)
+    content = np.frombuffer(frame.data, np.uint8)
     if frame.encoding == "rgb8":
-        return np.frombuffer(frame.data, np.uint8).reshape(frame.height, frame.width, 3)
-    image = cv2.imdecode(np.frombuffer(frame.data, np.uint8), cv2.IMREAD_COLOR)
+        return content.reshape(black.shape) if content.size == black.size else black
+    # OpenCV raises on nothing, and says None of garbage.
+    image = cv2.imdecode(content, cv2.IMREAD_COLOR) if content.size else None
     if image is None:
-        return np.zeros((frame.height, frame.width, 3), np.uint8)
+        return black
     return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), np.uint8)
 
 
@@ -56,14 +60,16 @@ def fitted(image: Image, width: int, height: int) -> Image:
 
 
 def write_picture(path: Path, image: Image) -> None:
-    """Write ``image`` in the format that the name's ending says.
+    """Write ``image`` in the format that the name's ending says, whole or not at all.
 
     Raises:
         DeployError: the file cannot be written, or the name's ending is no picture's.
     """
+    # Not by imwrite, which takes a full disk for a success.
+    if not cv2.haveImageWriter(str(path)):
+        raise DeployError(f"cannot write {path}: expected a name such as picture.png")
+    _, encoded = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     try:
-        written = cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    except cv2.error as error:
-        raise DeployError(f"cannot write {path}: expected a name such as picture.png") from error
-    if not written:
-        raise DeployError(f"cannot write {path}: is its directory there, writable and not full?")
+        write_whole(path, encoded.tobytes())
+    except OSError as error:
+        raise DeployError(f"cannot write {path}: {error.strerror}") from error

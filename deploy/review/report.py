@@ -9,6 +9,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from common.bus.keys import topic_of
 from common.errors import TrillError
+from common.files import write_whole
 from deploy.errors import DeployError
 from deploy.launch import Ended, Verdict
 from deploy.review.film import Film, gather
@@ -70,7 +71,8 @@ def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> 
     )
     path = run_dir / SUMMARY_FILE
     try:
-        path.write_text(summary.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        # Whole: the verdict is nowhere else, and a full disk must not take it.
+        write_whole(path, (summary.model_dump_json(indent=2) + "\n").encode())
     except OSError as error:
         raise DeployError(f"cannot write {path}: {error.strerror}") from error
     return summary

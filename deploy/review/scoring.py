@@ -123,10 +123,16 @@ class GaitLedger:
             self._open(message.request_id, message.gait, sender)
 
     def reply(self, message: GaitReply, track: Track) -> None:
-        """Note a reply; the robot is where ``track`` last saw it."""
+        """Note a reply; the robot is where ``track`` last saw it.
+
+        A request that is sent again is answered again. What was said of it before stands: a gait
+        began with its first acceptance, and what is over stays so.
+        """
         entry = self._latest.get(message.request_id) or self._open(
             message.request_id, message.gait, _UNHEARD
         )
+        if not _is_news(entry.outcome, message.outcome):
+            return
         here = None if track.last is None else (track.stamp, track.last)
         if message.outcome is GaitOutcome.ACCEPTED:
             entry.started = here
@@ -172,6 +178,15 @@ class GaitLedger:
         self._requests.append(entry)
         self._latest[request_id] = entry
         return entry
+
+
+def _is_news(known: str, said: GaitOutcome) -> bool:
+    """Whether an answer tells of a request what was not known."""
+    if said is GaitOutcome.REFUSED:
+        return known == "requested"
+    if said is GaitOutcome.ACCEPTED:
+        return known in {"requested", "refused"}
+    return known not in {"completed", "aborted"}
 
 
 def _run(entry: _Request, wanted: Pose2) -> GaitRun:

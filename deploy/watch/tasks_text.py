@@ -7,6 +7,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from common.bus.linkspec import PRESETS
+from deploy.errors import DeployError
 from services.sim.scenes import SCENES
 from services.sim.tasks import Task, all_tasks
 from services.sim.tasks.touch import thing_of
@@ -111,13 +112,21 @@ def physics_table() -> str:
 
 
 def draw(console: Console, directory: Path) -> None:
-    """Draw every scene into a directory, with a progress bar."""
+    """Draw every scene into a directory, with a progress bar.
+
+    Raises:
+        RenderingUnavailableError: there is no off-screen OpenGL.
+        DeployError: the directory cannot be written.
+    """
     # Needs OpenGL and is only wanted here.
     from services.sim.tasks.pictures import write_sheets
 
     scenes = {task.scene for task in all_tasks().values()}
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("drawing the scenes", total=len(scenes))
-        for path in write_sheets(directory):
-            progress.advance(bar)
-            progress.console.print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
+        try:
+            for path in write_sheets(directory):
+                progress.advance(bar)
+                progress.console.print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
+        except OSError as error:
+            raise DeployError(f"cannot write in {directory}: {error.strerror}") from error

@@ -14,7 +14,7 @@ from studies.collect.columns import EYES
 from studies.collect.errors import CollectError
 from studies.collect.fileformat import Episode, Image, open_episode
 from studies.collect.progress import failures
-from studies.collect.store import IndexLine, Store
+from studies.collect.store import DAMAGED, IndexLine, Store
 
 SHOWN = 8
 """Moments of an episode on its sheet."""
@@ -110,7 +110,7 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
     """Write the sheet of the episode with ``seed`` (None: the first); returns its seed.
 
     Raises:
-        CollectError: there is no such episode, or it has no pictures.
+        CollectError: there is no such episode, or it has no pictures, or is damaged.
         DeployError: the file cannot be written.
     """
     kept = {line.meta.seed: line for line in Store(root).index() if line.kept}
@@ -121,7 +121,14 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
             if kept
             else f"{root} has no episodes yet"
         )
-    with open_episode(root / kept[chosen].file) as episode:
-        picture = sheet(episode)
+    file = root / kept[chosen].file
+    try:
+        with open_episode(file) as episode:
+            picture = sheet(episode)
+    except (*DAMAGED, cv2.error) as error:
+        raise CollectError(
+            f"cannot read {file}, it is damaged: {str(error).partition(chr(10))[0]}; trill collect "
+            "--check tells more"
+        ) from error
     write_picture(path, picture)
     return chosen

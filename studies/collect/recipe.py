@@ -2,7 +2,6 @@
 
 import platform
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
@@ -12,14 +11,11 @@ from common.errors import ConfigError, explain
 from services.sim.cameras import CameraConfig
 from services.sim.tasks import find_task
 from services.teleop.synthetic.traits import OperatorTraits
-from studies.source import digest
+from studies.source import PHYSICS, digest, package_versions
 from studies.tasks.links import links_used
 from studies.tasks.stack import TrialSpec
 
-PACKAGES = (
-    *("mujoco", "pin", "osqp", "daqp", "scipy", "numpy"),
-    *("opencv-python-headless", "h5py", "pydantic"),
-)
+PACKAGES = (*PHYSICS, "opencv-python-headless", "h5py", "pydantic")
 """Whose versions can change an episode."""
 
 
@@ -123,10 +119,4 @@ def source() -> str:
 
 def versions() -> dict[str, str]:
     """Version of each package in :data:`PACKAGES` that is installed, and of Python."""
-    found = {"python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
+    return {"python": platform.python_version()} | package_versions(PACKAGES)

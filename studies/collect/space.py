@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -68,9 +69,11 @@ def needed(recipe: Recipe, lines: Iterable[IndexLine], missing: int) -> Need:
 def free(path: Path) -> float:
     """Bytes that may be written below ``path``, which need not be there yet."""
     there = path.absolute()
-    while not there.exists():
-        there = there.parent
-    return float(shutil.disk_usage(there).free)
+    for place in (there, *there.parents):
+        # Not there, no place for us, or no name: whoever writes will say so.
+        with suppress(OSError):
+            return float(shutil.disk_usage(place).free)
+    return 0.0
 
 
 def check_room(root: Path, need: Need) -> None:

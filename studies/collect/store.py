@@ -11,16 +11,17 @@ The files are the truth. A trial is done when its file is there; the index is co
 import errno
 import hashlib
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
+from common.errors import ConfigError
+from common.files import PART, alone, write_whole
 from studies.collect.dataset import RECIPE, Build, DatasetFile, read_dataset
 from studies.collect.errors import CollectError
 from studies.collect.fileformat import EpisodeMeta, open_episode, parse_meta
 from studies.collect.recipe import Recipe
-from studies.files import PART, alone, write_whole
 
 INDEX, EPISODES, REJECTED = "index.jsonl", "episodes", "rejected"
 _LOCK = ".lock"
@@ -49,7 +50,7 @@ class IndexLine(BaseModel):
 
 
 @contextmanager
-def _disk(path: Path) -> Iterator[None]:
+def _disk(path: Path, does: str = "write") -> Iterator[None]:
     """What the disk refuses, in words."""
     try:
         yield
@@ -61,8 +62,9 @@ def _disk(path: Path) -> Iterator[None]:
             errno.EACCES: "; expected a directory you may write to: choose another --out",
             errno.ENOTDIR: "; expected a directory, got a file: choose another --out",
             errno.EEXIST: "; expected a directory, got a file: choose another --out",
+            errno.ENAMETOOLONG: "; choose another --out",
         }.get(error.errno or 0, "; what is done is kept")
-        raise CollectError(f"cannot write {path}: {error.strerror or error}{more}") from error
+        raise CollectError(f"cannot {does} {path}: {error.strerror or error}{more}") from error
 
 
 def _write(path: Path, content: bytes) -> None:
@@ -140,7 +142,8 @@ class Store:
         if known is None:
             file = DatasetFile(recipe=recipe, builds=(build,), first_seed=seed or 0)
         else:
-            file = self._dated(known, seed).begun_at(self.root, seed)
+            file = known if known.first_seed is not None else self._dated(known, seed)
+            file = file.begun_at(self.root, seed)
             file = file.agreed(self.root, recipe, build, accept)
         with _disk(self.root):
             for folder in (EPISODES, REJECTED):
@@ -155,11 +158,20 @@ class Store:
         return file.first_seed or 0
 
     def _dated(self, file: DatasetFile, seed: int | None) -> DatasetFile:
-        """The file with its first seed; that of an earlier version does not say it."""
-        if file.first_seed is not None:
-            return file
-        seeds = [int(path.stem) for path in self.files() if path.stem.isdecimal()]
-        first = min([*seeds, *([] if seed is None else [seed])], default=0)
+        """The file of an earlier version, which does not say its first seed, with it.
+
+        Raises:
+            ConfigError: it can only be guessed; the first trial may be what a kill has left out.
+        """
+        seeds = {int(path.stem) for path in self.files() if path.stem.isdecimal()}
+        with suppress(CollectError):
+            seeds.update(line.meta.seed for line in self.index())
+        if seed is None and seeds and min(seeds) > 0:
+            raise ConfigError(
+                f"{self.root} does not say which seed it was begun with, and there is none before "
+                f"{min(seeds)}: give --seed, this once"
+            )
+        first = min(seeds | ({seed} if seed is not None else set()), default=0)
         return file.model_copy(update={"first_seed": first})
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
@@ -202,10 +214,7 @@ class Store:
         """
         recipe = self.recipe()
         if recipe is None:
-            raise CollectError(
-                f"no data set in {self.root}: expected a directory with {RECIPE}, as `trill "
-                "collect` makes"
-            )
+            raise self._none()
         lines, wrong = [], []
         for path in self.files():
             try:
@@ -226,9 +235,10 @@ class Store:
 
     def files(self) -> list[Path]:
         """Every trial's file."""
-        return sorted(
-            [*(self.root / EPISODES).glob("*.h5"), *(self.root / REJECTED).glob("*.json")]
-        )
+        with _disk(self.root, "read"):
+            found = [*(self.root / EPISODES).glob("*.h5"), *(self.root / REJECTED).glob("*.json")]
+        # Seeds have six digits or more.
+        return sorted(found, key=lambda path: (path.parent, len(path.stem), path.stem))
 
     def write_index(self, lines: list[IndexLine]) -> None:
         """Replace the index."""
@@ -239,7 +249,7 @@ class Store:
         """Read the index, by seed; of a run that was cut off it may lack the last trials.
 
         Raises:
-            CollectError: it is not there or damaged.
+            CollectError: it is not there or damaged, or there is no data set.
         """
         path = self.root / INDEX
         try:
@@ -248,11 +258,19 @@ class Store:
                 for text in path.read_text(encoding="utf-8").splitlines()
             ]
         except (OSError, ValueError) as error:
+            if self.recipe() is None:
+                raise self._none() from error
             raise CollectError(
                 f"{path} cannot be read ({error}); rebuild it with: trill collect --reindex "
                 f"{self.root}"
             ) from error
         return sorted(lines, key=lambda line: line.meta.seed)
+
+    def _none(self) -> CollectError:
+        return CollectError(
+            f"no data set in {self.root}: expected a directory with {RECIPE}, as `trill collect` "
+            "makes"
+        )
 
 
 def read_meta(path: Path) -> EpisodeMeta:

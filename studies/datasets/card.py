@@ -55,4 +55,4 @@ Locomotion and controller state are numbers of kinds, not quantities.
 A frame's action was given at that frame; its observation is the newest that the robot then had.
 `age.*` says how old that was [s]: joints (`state`), controller state, pictures (`truth`), and what
 the operator acted on (`seen`), which a delayed link makes older. `next.success` is true in the
-frame whose action the judge called a success, `next.done` in the last."""
+frame whose action the judge called a success, and after it; `next.done` in the last."""

@@ -49,8 +49,11 @@ def is_robomimic(path: Path) -> bool:
     """Whether a file is an export of ours, not somebody's own demonstrations in this format."""
     if not path.is_file() or not h5py.is_hdf5(path):
         return False
-    with h5py.File(path, "r") as file:
-        return "data" in file and file["data"].attrs.get("robot") == ROBOT
+    try:
+        with h5py.File(path, "r") as file:
+            return "data" in file and file["data"].attrs.get("robot") == ROBOT
+    except OSError:  # cut short: whose it was cannot be told
+        return False
 
 
 def write(

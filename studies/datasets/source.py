@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from studies.collect.fileformat import RATE, Episode, EpisodeMeta, Image, open_episode
-from studies.collect.store import EPISODES, Store, read_meta
+from studies.collect.store import DAMAGED, EPISODES, Store, read_meta
 from studies.datasets.errors import DatasetError
 
 _PERIOD_NS = 1_000_000_000 // RATE
@@ -216,7 +216,10 @@ def reading(chosen: Chosen) -> Iterator[Episode]:
         CollectError: it cannot be opened.
     """
     with open_episode(chosen.path) as episode:
-        stamps = episode.array("time/robot_ns", slice(0, chosen.frames))
+        try:
+            stamps = episode.array("time/robot_ns", slice(0, chosen.frames))
+        except DAMAGED as error:
+            raise _unreadable(chosen, error) from error
         places = stamps[0] + _PERIOD_NS * np.arange(len(stamps))
         worst = int(np.argmax(np.abs(stamps - places)))
         tolerance = chosen.meta.recipe.physics_steps * _TOLERANCE_NS
@@ -228,8 +231,15 @@ def reading(chosen: Chosen) -> Iterator[Episode]:
             )
         try:
             yield episode
-        except (OSError, cv2.error) as error:
-            raise DatasetError(f"{chosen.path} cannot be exported: {error}") from error
+        except (KeyError, OSError, cv2.error) as error:
+            raise _unreadable(chosen, error) from error
+
+
+def _unreadable(chosen: Chosen, error: Exception) -> DatasetError:
+    return DatasetError(
+        f"{chosen.path} cannot be exported: {error}; if it is damaged, trill collect --check says "
+        "so: move it away, and trill collect makes it again"
+    )
 
 
 def goal_of(task: str) -> str:

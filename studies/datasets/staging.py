@@ -28,9 +28,11 @@ def staged(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> Iterator[
     """
     # Where a link leads, it is to be; and . has no name to put something beside.
     out = out.resolve()
-    check_free(out, force=force, ours=ours)
     workshop = out.with_name(f".{out.name}{_SUFFIX}")
+    old = workshop / f"{out.name}{_OLD}"
     try:
+        if not old.exists():
+            check_free(out, force=force, ours=ours)
         workshop.mkdir(parents=True, exist_ok=True)
         handle = os.open(workshop, os.O_RDONLY)
     except OSError as error:
@@ -38,11 +40,14 @@ def staged(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> Iterator[
     try:
         _lock(handle, out)
         try:
+            if old.exists() and not out.exists():
+                old.rename(out)  # a run was killed while it replaced it
+            check_free(out, force=force, ours=ours)
             for left in workshop.iterdir():
                 _remove(left)
             yield workshop / out.name
             check_free(out, force=force, ours=ours)
-            _move(workshop / out.name, out, workshop / f"{out.name}{_OLD}")
+            _move(workshop / out.name, out, old)
         except (OSError, RuntimeError) as error:
             # A full disk, as a rule; h5py has both kinds for it.
             reason = str(error).partition("\n")[0]
@@ -76,16 +81,26 @@ def check_free(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> None:
 def _lock(handle: int, out: Path) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError as error:
+    except BlockingIOError as error:
         raise DatasetError(
             f"{out} is being made by another process; wait for it or choose another --out"
+        ) from error
+    except OSError as error:
+        raise DatasetError(
+            f"cannot lock a file beside {out}: {error.strerror}; choose another --out"
         ) from error
 
 
 def _move(new: Path, out: Path, old: Path) -> None:
-    if out.exists():
-        out.rename(old)
-    new.rename(out)
+    try:
+        if out.exists():
+            out.rename(old)
+        new.rename(out)
+    except BaseException:
+        # Ctrl-C, too: the workshop goes, and it must not take the earlier result along.
+        if old.exists() and not out.exists():
+            old.rename(out)
+        raise
 
 
 def _remove(path: Path) -> None:

@@ -1,8 +1,8 @@
 """Whether the shape of the paper's result is there: decided by stated criteria, from the trials."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise, product
 from statistics import fmean
 
 from studies.latency.conditions import Condition
@@ -68,15 +68,22 @@ def find(plan: Plan, rows: Sequence[TrialRow]) -> Finding:
     raw = next((c for c in plan.conditions if c.raw_hands and c.links == baseline.links), None)
     latency, interpolation = [], []
     for task in plan.tasks:
-        for shorter, longer in pairwise(sorted(alike, key=lambda c: c.delay)):
-            if longer.delay > shorter.delay:
-                pair = (cells.get((task, longer.name), []), cells.get((task, shorter.name), []))
-                latency.append(_rises(task, longer, shorter, paired(*pair)))
+        for shorter, longer in _steps(alike):
+            pair = (cells.get((task, longer.name), []), cells.get((task, shorter.name), []))
+            latency.append(_rises(task, longer, shorter, paired(*pair)))
         if raw is not None and not baseline.raw_hands:
             interpolation.append(
                 _costs(task, cells.get((task, baseline.name), []), cells.get((task, raw.name), []))
             )
     return _conclude(tuple(latency), tuple(interpolation))
+
+
+def _steps(conditions: Sequence[Condition]) -> Iterator[tuple[Condition, Condition]]:
+    """Each condition with each of the next longer delay; several may have the same one."""
+    by_delay = sorted(conditions, key=lambda c: c.delay)
+    groups = [tuple(group) for _, group in groupby(by_delay, key=lambda c: c.delay)]
+    for shorter, longer in pairwise(groups):
+        yield from product(shorter, longer)
 
 
 def _rises(task: str, longer: Condition, shorter: Condition, found: Paired | None) -> Check:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -11,12 +10,11 @@ from common.errors import ConfigError, explain
 from services.sim.tasks import find_task
 from services.teleop.synthetic.traits import OperatorTraits
 from studies.latency.conditions import BASELINE, Condition
-from studies.source import digest
+from studies.source import PHYSICS, digest, package_versions
 from studies.tasks.stack import TrialSpec
 
 DEFAULT_TASKS = ("door/unlock", "bench/hammer")
 """The two manipulation tasks in simulation."""
-_PACKAGES = ("trill", "mujoco", "pin", "osqp", "daqp", "scipy", "numpy")
 
 
 @dataclass(frozen=True, order=True)
@@ -162,10 +160,4 @@ def source() -> str:
 
 def versions() -> dict[str, str]:
     """Versions of what can change a trial: packages, and a digest of this system's own source."""
-    found = {"source": source()}
-    for package in _PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return found
+    return {"source": source()} | package_versions(("trill", *PHYSICS))

@@ -15,7 +15,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
-from studies.files import alone, append_line, write_whole
+from common.files import alone, append_line, write_whole
 from studies.latency.errors import LatencyStudyError
 from studies.latency.plan import Plan
 from studies.latency.row import TrialRow

@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from studies.files import write_whole
+from common.files import write_whole
 from studies.latency.finding import CRITERIA, Check, Finding
 from studies.latency.plan import Plan
 from studies.latency.row import LinkTake, TrialRow

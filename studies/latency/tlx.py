@@ -29,7 +29,7 @@ from pydantic import (
 )
 
 from common.errors import explain
-from studies.files import write_whole
+from common.files import write_whole
 from studies.latency.errors import LatencyStudyError
 
 Scale = Literal["mental", "physical", "temporal", "performance", "effort", "frustration"]

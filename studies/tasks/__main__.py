@@ -9,7 +9,7 @@ from deploy.extras import require
 def main() -> int:
     """Run the study; returns the exit code."""
     try:
-        require("python -m studies.tasks", "study", "mujoco", "pinocchio", "rich")
+        require("python -m studies.tasks", "study", "mujoco", "pinocchio", "rich", "scipy")
     except ConfigError as error:
         print(error, file=sys.stderr)
         return 2

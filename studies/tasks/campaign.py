@@ -10,9 +10,9 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from common.errors import ConfigError, TrillError, explain
+from common.files import append_line
 from common.topics import TELEOP_SETPOINT
-from studies.files import append_line
-from studies.source import digest
+from studies.source import PHYSICS, digest, package_versions
 from studies.tasks.stack import TaskStack, TrialResult, TrialSpec
 from studies.workers import Workers, stop_wanted
 
@@ -36,8 +36,8 @@ class Kept:
 
     Attributes:
         path: where; None: nothing is kept.
-        results: of the trials in it that were run by this very code, by their settings.
-        strange: how many in it were run by other code.
+        results: of the trials in it that this very code and these packages ran, by their settings.
+        strange: how many in it were run by others.
     """
 
     def __init__(self, path: Path | None) -> None:
@@ -49,7 +49,7 @@ class Kept:
         self.path = path
         self.results: dict[str, TrialResult] = {}
         self.strange = 0
-        self._code = digest(_SOURCE)
+        self._code = {"source": digest(_SOURCE)} | package_versions(PHYSICS)
         if path is None:
             return
         try:

@@ -174,21 +174,24 @@ def run(arguments: argparse.Namespace) -> int:
 def film(arguments: argparse.Namespace) -> int:
     """Show a success of each task; 1 if one had none."""
     from deploy.watch.tasks_text import sheet_name
-    from studies.tasks.film import record, write_sheet
+    from studies.tasks.film import check_place, record, write_sheet
 
     out: Path = arguments.out
     if out.suffix and arguments.task == "all":
         raise ConfigError(f"--out: expected a directory for several tasks, got {out}")
     missed = False
     trials = specs(arguments)
-    for task in dict.fromkeys(trial.task for trial in trials):
+    tasks = list(dict.fromkeys(trial.task for trial in trials))
+    places = {task: out if out.suffix else out / sheet_name(task) for task in tasks}
+    for path in places.values():
+        check_place(path)
+    for task, path in places.items():
         for trial in (trial for trial in trials if trial.task == task):
             result, moments = record(trial)
             print(line(result), flush=True)
             if result.verdict == "success":
                 break
         missed = missed or result.verdict != "success"
-        path = out if out.suffix else out / sheet_name(task)
         write_sheet(result, moments, path, arguments.view)
         print(f"{path}  {path.stat().st_size / 1000:.0f} kB", flush=True)
     return int(missed)

@@ -6,6 +6,7 @@ from typing import Any
 import cv2
 
 from common.errors import TrillError
+from common.files import write_whole
 from common.schemas import Message
 from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, Topic
 from deploy.review.film import Film, gather
@@ -71,11 +72,25 @@ def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = 
         sheet = task_sheet(film, title, eye, lambda _done, _total: None, camera)
     finally:
         renderer.close()
-    path.parent.mkdir(parents=True, exist_ok=True)
+    check_place(path)
     try:
-        path.write_bytes(_encoded(sheet, path.suffix))
-    except (OSError, cv2.error) as error:
-        raise FilmError(f"cannot write {path}: expected a name like sheet.jpg: {error}") from error
+        write_whole(path, _encoded(sheet, path.suffix))
+    except OSError as error:
+        raise FilmError(f"cannot write {path}: {error.strerror}") from error
+
+
+def check_place(path: Path) -> None:
+    """Make the directory of a picture, and refuse a name that is none, before anything is run.
+
+    Raises:
+        FilmError: there cannot be a picture.
+    """
+    if not cv2.haveImageWriter(str(path)):
+        raise FilmError(f"cannot write {path}: expected a name like sheet.jpg")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FilmError(f"cannot make the directory {path.parent}: {error.strerror}") from error
 
 
 def _encoded(sheet: Image, suffix: str) -> bytes:

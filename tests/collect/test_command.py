@@ -118,6 +118,7 @@ def test_the_command_line_is_there_without_what_collecting_needs() -> None:
         (["door/unlock", "--pace", "sprint"], "pace"),
         (["door/unlock", "--link", "nowhere=250ms"], "nowhere"),
         (["door/unlock", "--sheet", "a.png"], "--info"),
+        (["--info", "x", "--episode", "3"], "give both"),
     ],
 )
 def test_wrong_options_are_refused(
@@ -156,3 +157,18 @@ def test_info_and_reindex(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
     assert "without pictures" in capsys.readouterr().err
     assert main(["collect", "--reindex", str(tmp_path / "none")]) == 1
     assert "no data set" in capsys.readouterr().err
+
+
+def test_a_name_that_is_none_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / ("x" * 300)
+    assert main(["collect", "door/unlock", "--no-images", "--out", str(out)]) == 1
+    assert "name too long" in capsys.readouterr().err
+
+
+def test_where_no_data_set_is_none_is_to_be_indexed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["collect", "--info", str(tmp_path)]) == 1
+    said = capsys.readouterr().err
+    assert "no data set in" in said
+    assert "--reindex" not in said

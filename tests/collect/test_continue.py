@@ -83,13 +83,46 @@ def test_it_goes_on_from_the_seed_it_was_begun_with(tmp_path: Path) -> None:
     assert crew.given == [100, 102, 103]
 
 
-def test_a_set_that_does_not_say_its_first_seed_goes_on_from_its_smallest(tmp_path: Path) -> None:
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=2, first_seed=7)
-    path = tmp_path / "dataset.json"
+def undated(root: Path) -> None:
+    """Let the description be of an earlier version, which did not say the first seed."""
+    path = root / "dataset.json"
     about = json.loads(path.read_text())
     del about["first_seed"]
     path.write_text(json.dumps(about))
+
+
+def test_a_set_that_does_not_say_its_first_seed_has_begun_with_0(tmp_path: Path) -> None:
+    gather(tmp_path, 2)
+    undated(tmp_path)
+    assert gather(tmp_path, 3).given == [3]
+    assert json.loads((tmp_path / "dataset.json").read_text())["first_seed"] == 0
+
+
+def test_where_the_first_seed_can_only_be_guessed_it_is_asked_for(tmp_path: Path) -> None:
+    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=3)
+    undated(tmp_path)
+    # As after a kill: a later trial had ended, the first had not, and there is no index yet.
+    (tmp_path / "episodes" / "000000.h5").unlink()
+    (tmp_path / "index.jsonl").unlink()
+    with pytest.raises(ConfigError, match="none before 1: give --seed"):
+        collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=3)
+    crew = FakeCrew(1, set())
+    collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3, first_seed=0)
+    assert crew.given == [0]
+    with pytest.raises(ConfigError, match="begun with --seed 0, not 1"):
+        collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3, first_seed=1)
+
+
+def test_the_index_knows_a_first_trial_whose_file_is_gone(tmp_path: Path) -> None:
+    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, set()), wanted=3)
+    undated(tmp_path)
+    (tmp_path / "episodes" / "000000.h5").unlink()
     crew = FakeCrew(1, set())
     collect(RECIPE, Store(tmp_path), lambda: crew, wanted=3)
-    assert crew.given == [9]
-    assert json.loads(path.read_text())["first_seed"] == 7
+    assert crew.given == [0]
+
+
+def test_seeds_of_seven_digits_come_after_those_of_six(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    collect(RECIPE, store, lambda: FakeCrew(1, set()), wanted=3, first_seed=999_998)
+    assert [int(path.stem) for path in store.files()] == [999_998, 999_999, 1_000_000]

@@ -189,7 +189,7 @@ def test_a_full_disk_is_told_and_nothing_is_lost(
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr("studies.files.os.fsync", full)
+        patch.setattr("common.files.os.fsync", full)
         with pytest.raises(CollectError, match="No space left on device; make room"):
             gather(tmp_path / "full", 7)
     assert not list((tmp_path / "full").rglob("*.part"))

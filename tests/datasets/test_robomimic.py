@@ -133,3 +133,11 @@ def test_smaller_pictures(tmp_path: Path) -> None:
         whole = episode.picture("right", 4).astype(float)
         means = whole.reshape(16, 2, 24, 2, 3).mean(axis=(1, 3))
         assert np.abs(array[4] - means).max() <= 1.0
+
+
+def test_a_file_cut_short_is_not_taken_for_ours(tmp_path: Path) -> None:
+    out = tmp_path / "d.hdf5"
+    robomimic.write(choose(Choice((make(tmp_path / "d"),))), out)
+    assert robomimic.is_robomimic(out)
+    out.write_bytes(out.read_bytes()[:-2000])
+    assert not robomimic.is_robomimic(out)

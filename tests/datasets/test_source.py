@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import pytest
 
+from deploy.cli.main import main
 from studies.collect.errors import CollectError
 from studies.datasets.errors import DatasetError
 from studies.datasets.source import Choice, choose, reading
@@ -125,3 +126,32 @@ def test_a_damaged_episode_is_told(tmp_path: Path) -> None:
         del file.attrs["meta"]
     with pytest.raises(CollectError, match=r"000001\.h5 as an episode, it is damaged"):
         choose(Choice((root,)))
+
+
+def damaged(root: Path, name: str) -> None:
+    """Take an array of the second episode away, as h5py finds it where bytes are wrong."""
+    with h5py.File(root / "episodes" / "000001.h5", "r+") as file:
+        del file[name]
+
+
+@pytest.mark.parametrize("name", ["time/robot_ns", "action/hands"])
+@pytest.mark.parametrize("form", ["lerobot", "robomimic"])
+def test_damage_found_while_exporting_is_told(
+    form: str, name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    damaged(make(tmp_path / "d", size=None), name)
+    assert main(["dataset", "export", str(tmp_path / "d"), "--format", form]) == 1
+    said = capsys.readouterr().err
+    assert "000001.h5 cannot be exported" in said
+    assert "trill collect --check" in said
+    assert [path.name for path in tmp_path.iterdir()] == ["d"]
+
+
+def test_damage_found_while_drawing_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = make(tmp_path / "d")
+    damaged(root, "images/left/data")
+    given = ["collect", "--info", str(root), "--sheet", str(tmp_path / "s.png"), "--episode", "1"]
+    assert main(given) == 1
+    assert "it is damaged" in capsys.readouterr().err

@@ -119,3 +119,41 @@ def test_the_directory_one_is_in_can_be_replaced(
         path.mkdir()
         (path / "new").write_text("")
     assert names(tmp_path / "out") == ["new"]
+
+
+def replacing(out: Path) -> None:
+    """Replace an earlier result."""
+    with staged(out, force=True, ours=ours) as path:
+        path.write_text("ours 2")
+
+
+def test_an_end_between_the_two_moves_keeps_the_earlier_result(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    out.write_text("ours 1")
+    rename = Path.rename
+
+    def stopped(self: Path, to: Path) -> Path:
+        if self.name == "out" and to == out:
+            raise KeyboardInterrupt
+        return rename(self, to)
+
+    monkeypatch.setattr(Path, "rename", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        replacing(out)
+    assert (out.read_text(), names(tmp_path)) == ("ours 1", ["out"])
+
+
+def test_a_kill_between_the_two_moves_keeps_the_earlier_result(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    # What is left then.
+    workshop = tmp_path / ".out.part"
+    workshop.mkdir()
+    (workshop / "out").write_text("ours 2")
+    (workshop / "out.old").write_text("ours 1")
+    with pytest.raises(DatasetError, match="--force"), staged(out, force=False, ours=ours):
+        pass
+    assert (out.read_text(), names(tmp_path)) == ("ours 1", ["out"])
+    replacing(out)
+    assert (out.read_text(), names(tmp_path)) == ("ours 2", ["out"])

@@ -13,6 +13,7 @@ from common.schemas import Gait
 from common.topics import TELEOP_GAIT
 from deploy import drive
 from deploy.cli.main import COMMANDS, main
+from deploy.errors import DeployError
 from deploy.launch import Verdict
 from deploy.review import report
 from deploy.review.report import file_lines, known_verdict, report_lines, write_summary
@@ -239,3 +240,19 @@ def test_what_a_command_lacks_is_named(command: list[str]) -> None:
     assert ended.returncode in {1, 2}
     assert "pip install 'trill[" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_a_full_disk_does_not_take_the_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded(tmp_path)
+    write_summary(tmp_path, Verdict("timed out", "nobody came"), {"mode": "rated"})
+
+    def full(_: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("common.files.os.fsync", full)
+    with pytest.raises(DeployError, match="No space left"):
+        write_summary(tmp_path, Verdict("completed"), {})
+    verdict, settings = known_verdict(tmp_path)
+    assert (verdict, settings["mode"]) == (Verdict("timed out", "nobody came"), "rated")

@@ -5,13 +5,16 @@ from math import pi
 import pytest
 
 from common.schemas import Gait, GaitOutcome, Header
-from common.topics import HEALTH, PLANT_STATE
+from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
+from deploy.review.film import gather
 from deploy.review.run_summary import RunSummary
 from deploy.review.scoring import Pose2, commanded_motions
 from deploy.review.summary import summarise
 from deploy.review.summary_readers import LogFindings, spread
 from services.wbc.config import GaitConfig
-from tests.deploy.synthetic import MS, Life
+from tests.deploy.synthetic import MS, Life, Pair
+
+ACCEPTED, COMPLETED = GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED
 
 
 def test_gait_motion_is_measured_in_the_heading_at_its_start() -> None:
@@ -225,3 +228,36 @@ def test_commanded_motions_follow_the_configuration() -> None:
     motions = commanded_motions(GaitConfig(side_step=0.07))
     assert motions[Gait.SIDE_RIGHT] == Pose2(y=-0.07)
     assert motions[Gait.BACKWARD].x == -GaitConfig().backward_step
+
+
+def resent(life: Life) -> list[Pair]:
+    """A gait whose request is sent again, and answered again, when it is under way and over."""
+    one, other = life.ask(0, Gait.FORWARD), life.ask(0, Gait.FORWARD)
+    start = [life.plant(PLANT_TRUTH, 0, 0, 0), one, life.answer(0, Gait.FORWARD, ACCEPTED)]
+    life.now += 2000
+    midway = [life.plant(PLANT_TRUTH, 0.12, 0, 0), other, life.answer(0, Gait.FORWARD, ACCEPTED)]
+    life.now += 1000
+    end = [life.plant(PLANT_TRUTH, 0.2, 0, 0), life.answer(0, Gait.FORWARD, COMPLETED)]
+    life.now += 500
+    sway = [life.plant(PLANT_TRUTH, 0.21, 0, 0), life.answer(0, Gait.FORWARD, COMPLETED)]
+    return [*start, *midway, *end, *sway]
+
+
+def test_a_request_that_is_sent_again_is_one_whole_gait() -> None:
+    (run,) = summarise(resent(Life())).gait_runs
+    assert run.forward == pytest.approx(0.2, abs=1e-9)
+    assert run.duration == pytest.approx(3.0)
+    (stride,) = gather(resent(Life())).strides
+    assert (stride.start, stride.end) == (0, 2)
+
+
+def test_a_refusal_that_is_said_again_is_one() -> None:
+    life = Life()
+    refused = [life.ask(0, Gait.FORWARD), life.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "no")]
+    (run,) = summarise([*refused, *refused]).gait_runs
+    assert (run.outcome, run.refusals) == ("refused", 1)
+    # A second copy may be refused when the first is under way.
+    accepted = [life.ask(1, Gait.FORWARD), life.answer(1, Gait.FORWARD, ACCEPTED)]
+    again = [life.ask(1, Gait.FORWARD), life.answer(1, Gait.FORWARD, GaitOutcome.REFUSED, "busy")]
+    (run,) = summarise([*accepted, *again]).gait_runs
+    assert (run.outcome, run.refusals) == ("accepted", 0)

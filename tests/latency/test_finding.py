@@ -1,3 +1,4 @@
+from studies.latency.conditions import Condition
 from studies.latency.finding import find
 from tests.latency.support import CONDITIONS, HAMMER, UNLOCK, plan_of, row, rows
 
@@ -67,3 +68,25 @@ def test_every_task_must_show_it_and_persons_do_not_count() -> None:
     assert find(plan, both).reproduced is False
     human = [r.model_copy(update={"operator": "human"}) for r in rows(AS_PUBLISHED)]
     assert find(PLAN, human).reproduced is None
+
+
+def test_conditions_of_one_delay_are_each_compared_in_any_order() -> None:
+    late = Condition(name="late", links={"command": "250ms"})
+    blind = Condition(name="blind", links={"feedback": "250ms"})
+    later = Condition(name="later", links={"command": "500ms"})
+    trials = rows({"interpolation": 8.0, "late": 9.0, "blind": 7.0, "later": 10.0})
+    for order in ((late, blind, later), (later, blind, late)):
+        plan = plan_of(CONDITIONS[1], *order, tasks=(UNLOCK,))
+        finding = find(plan, trials)
+        assert finding.reproduced is False
+        assert sorted(check.text for check in finding.latency if check.held) == sorted(
+            f"{pair}: {said}"
+            for pair, said in (
+                (f"{late.title} against {CONDITIONS[1].title}", "+1.00 s [+1.00, +1.00]"),
+                (f"{later.title} against {late.title}", "+1.00 s [+1.00, +1.00]"),
+                (f"{later.title} against {blind.title}", "+3.00 s [+3.00, +3.00]"),
+            )
+        )
+        assert [check.text.partition(":")[0] for check in finding.latency if not check.held] == [
+            f"{blind.title} against {CONDITIONS[1].title}"
+        ]

@@ -201,7 +201,7 @@ def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("studies.files.os.fsync", full)
+    monkeypatch.setattr("common.files.os.fsync", full)
     with pytest.raises(LatencyStudyError, match=r"No space.*--report"):
         write_report(store)
     with (

@@ -160,3 +160,13 @@ def test_a_missing_package_is_told_in_words() -> None:
     assert done.returncode == 2
     assert "needs the package mujoco: pip install 'trill[study]'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_trials_with_other_packages_do_not_count(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "trials.jsonl"
+    Kept(path).add(SPEC, result(3))
+    monkeypatch.setattr(campaign, "package_versions", lambda _: {"mujoco": "99.0"})
+    kept = Kept(path)
+    assert (kept.of(SPEC), kept.strange) == (None, 1)

@@ -39,3 +39,19 @@ def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:
 def test_a_file_cannot_hold_all_tasks(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["film", "all", "--out", "one.jpg"]) == 2
     assert "expected a directory for several tasks, got one.jpg" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("out", "words"), [("s.txt", "expected a name like sheet"), ("file/s.jpg", "cannot make")]
+)
+def test_a_place_where_no_sheet_can_be_is_told_before_the_trial(
+    out: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setattr("studies.tasks.film.record", lambda _: pytest.fail("it was run"))
+    assert main(["film", "door/unlock", "--out", str(tmp_path / out)]) == 1
+    assert words in capsys.readouterr().err

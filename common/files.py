@@ -58,14 +58,14 @@ def alone(lock: Path, refused: type[TrillError]) -> Iterator[None]:
     """Be the only process that works in the directory of the file ``lock``.
 
     Raises:
-        OSError: the file cannot be opened.
+        OSError: the file cannot be opened, or the file system knows no locks.
         TrillError: of the type ``refused``: another process is at it.
     """
     # The system lets go of the lock when the process ends, however it ends.
     with lock.open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
+        except BlockingIOError as error:
             raise refused(
                 f"{lock.parent} is being written by another process; wait for it or choose "
                 "another --out"

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import ConfigError
-from studies.files import alone, append_line, write_whole
+from common.files import alone, append_line, write_whole
 
 
 def test_a_file_that_cannot_be_finished_leaves_the_one_before(
@@ -20,7 +20,7 @@ def test_a_file_that_cannot_be_finished_leaves_the_one_before(
     def full(_: int) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("studies.files.os.fsync", full)
+    monkeypatch.setattr("common.files.os.fsync", full)
     with pytest.raises(OSError, match="No space"):
         write_whole(path, b"after")
     assert path.read_bytes() == b"before"
@@ -62,3 +62,14 @@ def test_one_at_a_time(tmp_path: Path) -> None:
         pass
     with alone(lock, ConfigError):
         assert os.path.exists(lock)
+
+
+def test_a_file_system_without_locks_is_not_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def none(_file: object, _how: int) -> None:
+        raise OSError(37, "No locks available")
+
+    monkeypatch.setattr("common.files.fcntl.flock", none)
+    with pytest.raises(OSError, match="No locks available"), alone(tmp_path / "lock", ConfigError):
+        pass
