@@ -96,9 +96,11 @@ def check_place(path: Path) -> None:
 def _encoded(sheet: Image, suffix: str) -> bytes:
     """A file's content; of a JPEG the best quality that is small enough."""
     picture, file = cv2.cvtColor(sheet, cv2.COLOR_RGB2BGR), b""
+    if suffix.lower() not in {".jpg", ".jpeg"}:
+        return cv2.imencode(suffix, picture)[1].tobytes()
     for quality in _QUALITIES:
         _, encoded = cv2.imencode(suffix, picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
         file = encoded.tobytes()
-        if len(file) <= LARGEST or suffix not in {".jpg", ".jpeg"}:
+        if len(file) <= LARGEST:
             break
     return file
