@@ -28,17 +28,16 @@ def staged(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> Iterator[
     """
     # Where a link leads, it is to be; and . has no name to put something beside.
     out = out.resolve()
-    workshop = out.with_name(f".{out.name}{_SUFFIX}")
-    old = workshop / f"{out.name}{_OLD}"
     try:
-        if not old.exists():
-            check_free(out, force=force, ours=ours)
+        check_free(out, force=force, ours=ours)
+        workshop = out.with_name(f".{out.name}{_SUFFIX}")
         workshop.mkdir(parents=True, exist_ok=True)
         handle = os.open(workshop, os.O_RDONLY)
     except OSError as error:
         raise DatasetError(f"cannot write {out}: {error}; choose another --out") from error
     try:
         _lock(handle, out)
+        old = workshop / f"{out.name}{_OLD}"
         try:
             if old.exists() and not out.exists():
                 old.rename(out)  # a run was killed while it replaced it

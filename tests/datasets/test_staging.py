@@ -157,3 +157,11 @@ def test_a_kill_between_the_two_moves_keeps_the_earlier_result(tmp_path: Path) -
     assert (out.read_text(), names(tmp_path)) == ("ours 1", ["out"])
     replacing(out)
     assert (out.read_text(), names(tmp_path)) == ("ours 2", ["out"])
+
+
+def test_the_root_of_the_disk_is_not_replaced() -> None:
+    with (
+        pytest.raises(DatasetError, match="not replaced"),
+        staged(Path("/"), force=True, ours=ours),
+    ):
+        pass
