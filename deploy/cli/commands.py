@@ -24,7 +24,7 @@ class Command(NamedTuple):
     add: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
 
-    def under(self, commands: Any, name: str) -> argparse.ArgumentParser:
+    def under(self, commands: Any, name: str) -> None:
         """Add it to the subcommands of a parser; chosen, it is the argument ``name``."""
         parser: argparse.ArgumentParser = commands.add_parser(
             self.name,
@@ -35,7 +35,6 @@ class Command(NamedTuple):
         )
         self.add(parser)
         parser.set_defaults(**{name: self})
-        return parser
 
 
 def run_chosen(arguments: argparse.Namespace, name: str) -> int:

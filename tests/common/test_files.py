@@ -9,6 +9,7 @@ import pytest
 
 from common.errors import ConfigError
 from common.files import alone, append_line, write_whole
+from tests.disk import fill
 
 
 def test_a_file_that_cannot_be_finished_leaves_the_one_before(
@@ -16,11 +17,7 @@ def test_a_file_that_cannot_be_finished_leaves_the_one_before(
 ) -> None:
     path = tmp_path / "table.csv"
     write_whole(path, b"before")
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("common.files.os.fsync", full)
+    fill(monkeypatch)
     with pytest.raises(OSError, match="No space"):
         write_whole(path, b"after")
     assert path.read_bytes() == b"before"

@@ -24,6 +24,7 @@ from services.logger.sink import McapSink
 from services.logger.tally import KeyCount, to_metadata
 from tests.deploy.synthetic import Life
 from tests.deploy.test_board import sample
+from tests.disk import fill
 
 ROOT = Path(__file__).parents[2]
 
@@ -247,11 +248,7 @@ def test_a_full_disk_does_not_take_the_verdict(
 ) -> None:
     recorded(tmp_path)
     write_summary(tmp_path, Verdict("timed out", "nobody came"), {"mode": "rated"})
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("common.files.os.fsync", full)
+    fill(monkeypatch)
     with pytest.raises(DeployError, match="No space left"):
         write_summary(tmp_path, Verdict("completed"), {})
     verdict, settings = known_verdict(tmp_path)

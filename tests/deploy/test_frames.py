@@ -10,6 +10,7 @@ import pytest
 from common.schemas import CameraFrame
 from deploy.errors import DeployError
 from deploy.review.frames import decoded, write_picture
+from tests.disk import fill
 
 RED = np.full((40, 60, 3), (250, 10, 20), np.uint8)
 
@@ -27,11 +28,7 @@ def test_a_full_disk_is_no_success_and_leaves_the_picture_before(
     path = tmp_path / "red.png"
     write_picture(path, RED)
     before = path.read_bytes()
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("common.files.os.fsync", full)
+    fill(monkeypatch)
     with pytest.raises(DeployError, match="No space left"):
         write_picture(path, RED // 2)
     assert path.read_bytes() == before

@@ -20,6 +20,7 @@ from studies.latency.stats import summarise
 from studies.latency.store import SHEETS, Store
 from studies.latency.tables import summary_table
 from studies.latency.tlx import write_sheet
+from tests.disk import fill
 from tests.latency.support import (
     CONDITIONS,
     HAMMER,
@@ -197,11 +198,7 @@ def test_wrong_options_are_explained(
 
 def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store = study(tmp_path / "study", rows(TIMES))
-
-    def full(_: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("common.files.os.fsync", full)
+    fill(monkeypatch)
     with pytest.raises(LatencyStudyError, match=r"No space.*--report"):
         write_report(store)
     with (

@@ -21,6 +21,7 @@ from studies.latency.tlx import (
     summarise_sheets,
     write_sheet,
 )
+from tests.disk import fill
 from tests.latency.support import NAMES, PLAN, RATINGS, UNLOCK, choices, sheet
 
 
@@ -108,10 +109,7 @@ def test_a_sheet_is_kept_as_it_was_and_never_replaced(tmp_path: Path) -> None:
 
 
 def test_half_a_sheet_is_not_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_descriptor: int) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.fsync", full)
+    fill(monkeypatch)
     with pytest.raises(LatencyStudyError, match="No space left"):
         write_sheet(tmp_path, sheet())
     monkeypatch.undo()
