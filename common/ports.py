@@ -28,9 +28,16 @@ class Role(StrEnum):
     OPERATOR = "operator"
     """Gives set-points and gait requests; on the far side of the injected links."""
     OBSERVER = "observer"
-    """Listens only."""
+    """Reads every topic and publishes only its own health."""
     REPLAY = "replay"
-    """Publishes a recording under another robot's name."""
+    """Publishes every topic of a recording, under another robot's name."""
+    TOOL = "tool"
+    """A command that a person runs beside the services (`trill mark`, `trill latency`, `trill up`):
+    reads what an observer reads. Tools have no row in the table and listen on no port of it."""
+
+
+RUN_LIVE = (Role.PLANT, Role.SENSOR, Role.CONTROLLER, Role.OPERATOR)
+"""Roles of the services that a live runner paces; an observer runs its own loop."""
 
 
 @dataclass(frozen=True)

@@ -11,10 +11,10 @@ from common.links.control import (
     LinkReply,
     LinkRequest,
     from_wire,
-    links_key,
     to_wire,
 )
 from common.links.spec import LinkSpec
+from common.queries import LINKS
 
 _ANSWER_S = 2.0
 _PAUSE_S = 0.2
@@ -50,7 +50,7 @@ def ask(session: Any, robot: str, request: LinkRequest) -> Answers:
     from_wire(payload, LinkRequest)
     try:
         replies = session.get(
-            links_key(robot, "*"),
+            LINKS.key(robot, "*"),
             payload=payload,
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,

@@ -36,11 +36,6 @@ class LinkControlError(TrillError):
     """A request to change links, or an answer, is not one."""
 
 
-def links_key(robot: str, service: str) -> str:
-    """Key on which ``service`` answers; ``*`` for all."""
-    return f"{robot}/links/{service}"
-
-
 def _no_file(value: object) -> object:
     """A text from the wire must not make a service open files."""
     if isinstance(value, str) and value.lstrip().startswith("trace"):

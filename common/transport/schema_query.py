@@ -14,6 +14,7 @@ import msgpack
 import zenoh
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from common.queries import SCHEMA
 from common.schemas import Message
 from common.topics import Topic
 from common.transport.keys import key_of
@@ -52,7 +53,7 @@ class SchemaServer:
     @property
     def key(self) -> str:
         """Where it answers."""
-        return f"{self._robot}/schema/{self._service}"
+        return SCHEMA.key(self._robot, self._service)
 
     @cached_property
     def answer(self) -> bytes:
@@ -98,7 +99,7 @@ def discover(
         robot to key to description; answers that are none are passed over.
     """
     found: dict[str, dict[str, Description]] = {}
-    replies = session.get(f"{robot}/schema/*", target=zenoh.QueryTarget.ALL, timeout=timeout)
+    replies = session.get(SCHEMA.key(robot, "*"), target=zenoh.QueryTarget.ALL, timeout=timeout)
     for reply in replies:
         if reply.ok is None:
             continue

@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 
 import zenoh
 
+from common import queries
 from common.journal.journal import UNKNOWN
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.runtime.live.offset_estimator import Exchange, Offset, OffsetEstimator
@@ -152,7 +153,7 @@ class ClockSync(Component):
             with contextlib.suppress(zenoh.ZError):  # who asked has left, or we are leaving
                 query.reply(query.key_expr, payload, express=True)
 
-        key = f"{context.robot}/clock/{context.service}"
+        key = queries.CLOCK.key(context.robot, context.service)
         self._queryable = context.session.declare_queryable(key, answer)
 
     def poll(self, now_ns: int) -> None:
@@ -208,7 +209,7 @@ class ClockSync(Component):
                 if len(self._queriers) >= _MAX_PEERS:
                     self._queriers.pop(next(iter(self._queriers))).undeclare()
                 querier = self._queriers[source] = context.session.declare_querier(
-                    f"{context.robot}/clock/{source}",
+                    queries.CLOCK.key(context.robot, source),
                     timeout=_TIMEOUT_S,
                     consolidation=zenoh.ConsolidationMode.NONE,
                     priority=zenoh.Priority.REAL_TIME,

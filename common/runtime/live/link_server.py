@@ -16,10 +16,10 @@ from common.links.control import (
     LinkRow,
     LinkTable,
     from_wire,
-    links_key,
     to_wire,
 )
 from common.links.spec import LinkSpec
+from common.queries import LINKS
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.schemas import LinkChange
 from common.topics import LINK_CHANGE
@@ -71,7 +71,7 @@ class LinkServer(Component):
         now = time.monotonic_ns()
         self._ask_at = [now + round(1e9 * after) for after in ASK_AT_S]
         self._queryable: Any = context.session.declare_queryable(
-            links_key(context.robot, context.service),
+            LINKS.key(context.robot, context.service),
             self._receive,
             complete=True,
             allowed_origin=zenoh.Locality.REMOTE,
@@ -136,7 +136,7 @@ class LinkServer(Component):
             return
         try:
             with query:
-                query.reply(links_key(context.robot, context.service), reply)
+                query.reply(LINKS.key(context.robot, context.service), reply)
         except zenoh.ZError as error:
             _log.warning("%s cannot answer about its links: %s", context.service, error)
 
@@ -189,7 +189,7 @@ class LinkServer(Component):
         """Ask every peer for the live changes; the answers come into a queue."""
         try:
             context.session.get(
-                links_key(context.robot, "*"),
+                LINKS.key(context.robot, "*"),
                 self._hear,
                 payload=to_wire(LinkRequest(action="peers")),
                 target=zenoh.QueryTarget.ALL,

@@ -12,7 +12,6 @@ from common.links.control import (
     LinkRequest,
     LinkTable,
     from_wire,
-    links_key,
     to_wire,
 )
 from common.links.spec import Distribution, LinkSpec
@@ -154,7 +153,6 @@ def test_wire_form_round_trips() -> None:
     assert from_wire(to_wire(request), LinkRequest) == request
     reply = LinkReply(service="wbc", live=[LinkEntry(name="camera", spec=spec, version=7)])
     assert from_wire(to_wire(reply), LinkReply) == reply
-    assert links_key("draco3", "wbc") == "draco3/links/wbc"
 
 
 @pytest.mark.parametrize(

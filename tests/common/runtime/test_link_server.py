@@ -12,8 +12,9 @@ from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
 from common.links.client import ask, change, everybody
 from common.links.config import Links
-from common.links.control import LinkControlError, LinkRequest, links_key
+from common.links.control import LinkControlError, LinkRequest
 from common.links.spec import LinkSpec
+from common.queries import LINKS
 from common.runtime.live.components import RunnerContext
 from common.runtime.live.link_server import LinkServer
 from common.schemas import LinkChange, Message
@@ -124,7 +125,7 @@ def test_short_name_is_known_and_wrong_ones_are_refused_by_all(stack: Watched) -
     )
     assert answers.replies == {}
     assert "wbc: link 'comand': no topic 'comand'" in answers.errors[0]
-    key = links_key(stack.config.robot, "*")
+    key = LINKS.key(stack.config.robot, "*")
     for garbage in (b"", b"\xc1\x00", b"\x81\xa6action\xa3fly"):
         (answer,) = list(stack.session.get(key, payload=garbage, target=zenoh.QueryTarget.ALL))
         assert answer.err is not None
