@@ -8,11 +8,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from common.errors import SchemaError
-from common.journal.journal import UNKNOWN, Journal, Take
+from common.journal.journal import Journal
+from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
 from common.schemas import Header, Message
 from common.topics import Delivery, Topic
-from common.wire.codec import decode
+from common.wire.codec import decode, schema_tag
 from common.wire.header import wire_header
 from common.wire.sequence import Arrival, SequenceTracker
 
@@ -49,6 +50,10 @@ def _oldest(queue: deque[Raw]) -> Raw | None:
         return queue.popleft()
     except IndexError:
         return None
+
+
+def _times(raw: Raw, offset: int, decode_ns: int) -> InputTimes:
+    return InputTimes(raw.arrival_ns - raw.injected_ns, raw.injected_ns, offset, decode_ns)
 
 
 def _same_clock(_header: Header) -> int:
@@ -94,6 +99,8 @@ class TopicBuffer:
         age = topic.max_age if max_age is None else max_age
         self._oldest_ns = round(1e9 * age) if age < 1e9 else NEVER
         self.is_event = topic.delivery is Delivery.EVENT
+        schema: type[Message] = topic.schema
+        self._tag = schema_tag(schema)
         self.ready: deque[Raw] = deque()
         self._raw = self.ready
         self._backlog = EVENT_BACKLOG if self.is_event else LATEST_BACKLOG
@@ -109,6 +116,7 @@ class TopicBuffer:
         self.arrival_ns = 0
         self.last_put_ns = self.seen_put_ns = -1
         self.received = self.refused = self.late = self.repeated = self.skipped = self.stale = 0
+        self.adapted = 0
         self.last_refusal = ""
         self._sequence = SequenceTracker()
         self._skipped_seen = 0
@@ -160,9 +168,8 @@ class TopicBuffer:
             if line.by_time and (head := wire_header(item.payload)) is not None:
                 stamp = head.stamp or None
             if not line.push(item, item.arrival_ns, stamp) and self._tools.journal is not None:
-                lost = item._replace(injected_ns=-1, arrival_ns=item.arrival_ns - 1)
-                header = wire_header(item.payload)
-                self._note(self._tools.journal, Take.LOST, header, lost, UNKNOWN, 0)
+                lost = InputTimes(item.arrival_ns, injected=-1, offset=UNKNOWN, decode=0)
+                self._record(InputOutcome.LOST, wire_header(item.payload), item, lost)
         if line.next_due_ns > now_ns:
             return False
         for due_ns, injected_ns, item in line.pop(now_ns):
@@ -200,58 +207,56 @@ class TopicBuffer:
         return len(arrivals) * 1e9 / _RATE_WINDOW_NS
 
     def _take(self, raw: Raw) -> None:
-        """Decode one message, decide about it and note it."""
-        clock, journal = self._tools.clock, self._tools.journal
+        """Decode one message, decide about it and record it."""
+        clock = self._tools.clock
         started = clock() if clock else 0
         try:
             message = decode(raw.payload, self.topic.schema, raw.tag, raw.injected_ns)
         except SchemaError as error:
             self._refuse(error)
-            if journal is not None:
-                self._note(journal, Take.REFUSED, wire_header(raw.payload), raw, UNKNOWN, 0)
+            header_read = wire_header(raw.payload)
+            self._record(InputOutcome.REFUSED, header_read, raw, _times(raw, UNKNOWN, 0))
             return
+        self.adapted += raw.tag is not None and raw.tag != self._tag
         header = message.header
         offset = self._tools.offset_of(header)
         transit = raw.arrival_ns - raw.injected_ns - header.sent - offset
         if offset != UNKNOWN and header.sent and transit > self._oldest_ns:
             self.stale += 1
             self._observe(header)
-            kind = Take.STALE
+            outcome = InputOutcome.STALE
         else:
-            kind = self._accept(message, raw.arrival_ns)
-        if journal is not None:
-            self._note(journal, kind, header, raw, offset, clock() - started if clock else 0)
+            outcome = self._accept(message, raw.arrival_ns)
+        decode_ns = clock() - started if clock else 0
+        self._record(outcome, header, raw, _times(raw, offset, decode_ns))
 
-    def _note(
-        self,
-        journal: Journal,
-        kind: Take,
-        header: Header | None,
-        raw: Raw,
-        offset: int,
-        decode_ns: int,
+    def _record(
+        self, outcome: InputOutcome, header: Header | None, raw: Raw, times: InputTimes
     ) -> None:
-        times = (raw.arrival_ns - raw.injected_ns, raw.injected_ns, offset, decode_ns)
-        journal.take(self.topic.name, kind, header, raw.payload, times)
+        """Write an input record to the journal, if there is one."""
+        journal = self._tools.journal
+        if journal is not None:
+            tag = self._tag if raw.tag is None else raw.tag
+            journal.record(self.topic.name, outcome, header, raw.payload, tag, times)
 
-    def _accept(self, message: Message, arrival_ns: int) -> Take:
-        """Take in a good message, unless it repeats or (for a latest value) comes too late."""
+    def _accept(self, message: Message, arrival_ns: int) -> InputOutcome:
+        """Show a good message, unless it repeats or (for a latest value) was overtaken."""
         self.valid = True
         order = self._observe(message.header)
         if order is Arrival.WILD:
             self._refuse(
                 SchemaError(f"sequence number {message.header.seq} is far beyond the last")
             )
-            return Take.REFUSED
+            return InputOutcome.REFUSED
         if order is Arrival.REPEATED:
             self.repeated += 1
-            return Take.LATE
+            return InputOutcome.LATE
         if order is Arrival.LATE:
             self.late += 1
             if not self.is_event:
-                return Take.LATE
+                return InputOutcome.LATE
         self.show(message, arrival_ns)
-        return Take.APPLIED
+        return InputOutcome.APPLIED
 
     def _observe(self, header: Header) -> Arrival:
         """Account for a message's number; what was skipped before it is not missing."""

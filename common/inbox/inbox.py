@@ -99,7 +99,7 @@ class Inbox:
         """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
         self._now = now_ns
         if self._journal is not None:
-            self._journal.begin(now_ns)
+            self._journal.begin_step(now_ns)
         if self._shown:
             for slot in self._shown:
                 slot.end_step()

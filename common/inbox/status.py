@@ -103,6 +103,7 @@ def health_of(slot: TopicBuffer, now_ns: int, journal: Journal | None, link: str
         repeated=slot.repeated,
         skipped=slot.skipped,
         stale=slot.stale,
+        adapted=slot.adapted,
         refused=slot.refused,
         last_refusal=slot.last_refusal,
     )

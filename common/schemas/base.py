@@ -17,6 +17,12 @@ class Header(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
+    ALWAYS_SENT: ClassVar[frozenset[str]] = frozenset(
+        {"seq", "stamp", "captured", "sent", "encode", "boot", "source", "injected"}
+    )
+    """Fields that every header has on the wire, so that their defaults make them optional only in
+    Python; a field that is added later does not belong here."""
+
     seq: Count = Field(default=0, description="Counts this publisher's messages from 0")
     stamp: Count = Field(default=0, description="Robot time [ns] of the information in the message")
     captured: Count = Field(
@@ -37,5 +43,8 @@ class Message(BaseModel):
     )
 
     VERSION: ClassVar[int] = 1
+    """Part of the schema's identity: raise it when a field changes its meaning but not its type."""
+    ALWAYS_SENT: ClassVar[frozenset[str]] = frozenset({"header"})
+    """Fields that are required on the wire although they have a default."""
 
     header: Header = Header()

@@ -38,6 +38,9 @@ class LinkHealth(_Part):
     repeated: int = Field(default=0, ge=0, description="arrived again")
     skipped: int = Field(default=0, ge=0, description="let go unread, the service stood still")
     stale: int = Field(default=0, ge=0, description="too old when they arrived, not applied")
+    adapted: int = Field(
+        default=0, ge=0, description="of another version of the schema, but readable"
+    )
     refused: int = Field(ge=0, description="not decodable or not valid")
     last_refusal: str = Field(default="", max_length=400)
     link: str = Field(default="", max_length=200, description="what is injected; empty: nothing")

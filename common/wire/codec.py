@@ -24,6 +24,7 @@ from pydantic_core import SchemaValidator, core_schema
 from common.errors import SchemaError
 from common.schemas import Header, Message
 from common.schemas.arrays import UNIT_TOLERANCE, ArraySpec, Float64Array
+from common.wire.compatibility import Compatibility, adapt, compatibility
 from common.wire.schema import array_spec, describe_array, schema_hash, schema_tag
 
 __all__ = ["MAX_PAYLOAD", "decode", "encode", "schema_hash", "schema_tag"]
@@ -126,17 +127,18 @@ def decode(payload: bytes, schema: type[M], tag: str | None = None, injected_ns:
     Args:
         payload: bytes made by :func:`encode`, or anything.
         schema: the expected message type.
-        tag: what the sender called its schema; refused unless it is this schema's
-            :func:`schema_tag`. None: not checked.
+        tag: the sender's :func:`schema_tag`; another version than this is read by the rule of
+            :mod:`common.wire.compatibility` or refused. None: not checked.
         injected_ns: delay injected on the way [ns], noted in the header; 0 leaves it as it is.
 
     Raises:
         SchemaError: the payload is not such a message; the text names the differing fields.
     """
     plan = _plan(schema)
-    if tag is not None and tag != plan.tag:
-        raise _mismatch(payload, plan, tag)
-    fields = _unpack(payload, schema)
+    if tag is None or tag == plan.tag:
+        fields = _unpack(payload, schema)
+    else:
+        fields = _unpack_other(payload, schema, plan, tag)
     if fields.keys() != plan.names:
         raise SchemaError(_limited(f"{schema.__name__}: {'; '.join(_differences(fields, plan))}"))
     if injected_ns and isinstance(fields["header"], dict):
@@ -172,6 +174,16 @@ def _unpack(payload: bytes, schema: type[Message]) -> dict[str, Any]:
         ) from error
     if not isinstance(fields, dict):
         raise SchemaError(f"{schema.__name__}: expected a msgpack map, got {type(fields).__name__}")
+    return fields
+
+
+def _unpack_other(payload: bytes, schema: type[Message], plan: _Plan, tag: str) -> dict[str, Any]:
+    """Return the top-level map of a message of another version, as this version would have it."""
+    found = compatibility(schema, tag)
+    if found.refusal:
+        raise _mismatch(payload, plan, tag, found)
+    fields = _unpack(payload, schema)
+    adapt(fields, schema, tag)
     return fields
 
 
@@ -220,20 +232,29 @@ def _differences(fields: dict[str, Any], plan: _Plan) -> list[str]:
     return texts
 
 
-def _mismatch(payload: bytes, plan: _Plan, tag: str) -> SchemaError:
-    """Explain a schema tag that is not the expected one."""
+def _mismatch(payload: bytes, plan: _Plan, tag: str, found: Compatibility) -> SchemaError:
+    """Explain why a schema cannot be read, by the tags and by the fields of the message."""
     try:
         texts = _differences(_unpack(payload, Message), plan)
     except SchemaError as error:
         texts = [str(error)]
-    differing = "; ".join(texts) or "field names and sizes agree, so types or enumerations differ"
-    got = f"{tag[: 2 * _MAX_NAME]!r}" if tag else "no schema"
+    differing = (
+        "; ".join([found.refusal, *texts])
+        if texts
+        else (f"{found.refusal}; field names and sizes agree, so types or enumerations differ")
+    )
+    got = repr(_identity(tag)) if tag else "no schema"
     return SchemaError(
         _limited(
-            f"schema mismatch: received {got}, expected {plan.tag!r}: {differing}; run the same "
-            "version on both sides"
+            f"schema mismatch: received {got}, expected {_identity(plan.tag)!r}: {differing}; run "
+            "the same version on both sides"
         )
     )
+
+
+def _identity(tag: str) -> str:
+    """Shorten a tag to the part before the optional fields."""
+    return ";".join(tag.split(";", 2)[:2])[: 2 * _MAX_NAME]
 
 
 @cache

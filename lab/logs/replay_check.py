@@ -137,8 +137,8 @@ class Checker:
                 recorded(self._path),
                 tolerance=options.tolerance,
                 window_ns=(first, last),
-                progress=progress,
-                listener=None if options.out is None else self._hear,
+                on_progress=progress,
+                on_message=None if options.out is None else self._hear,
             )
             return runner.run()
 

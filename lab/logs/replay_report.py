@@ -57,7 +57,7 @@ def report_lines(report: Report, *, verbose: bool = False) -> list[str]:
     """A replay's report for a person, line by line."""
     speed = report.replayed / report.wall if report.wall else 0.0
     lines = [
-        f"{report.service}, life {report.life}: {report.steps} steps, {report.replayed:.1f} s of "
+        f"{report.service}, life {report.run}: {report.steps} steps, {report.replayed:.1f} s of "
         f"recording in {report.wall:.1f} s ({speed:.1f} x real time), {report.inputs} messages fed"
     ]
     for topic, tally in sorted(report.outputs.items()):

@@ -266,7 +266,7 @@ def test_the_table_names_those_who_read_a_topic_and_no_other() -> None:
 
 
 def test_keys_are_different_and_printed() -> None:
-    names = [row.name for row in (*ALL_TOPICS, *ALL_QUERIES)]
+    names = [topic.name for topic in ALL_TOPICS] + [query.name for query in ALL_QUERIES]
     assert len(set(names)) == len(names)
     text = topic_table() + query_table()
     for name in names:

@@ -12,7 +12,8 @@ import numpy as np
 from common.errors import SchemaError, TrillError
 from common.inbox.buffer import InboxContext
 from common.inbox.inbox import Inbox
-from common.journal.journal import Journal, read_tables
+from common.journal.journal import Journal
+from common.journal.tables import read_tables
 from common.schemas import Message, StepJournal
 from common.topics import Delivery, Topic
 from common.wire.codec import encode, schema_tag

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from functools import cache
 
-from common.journal.journal import Take, read_tables
+from common.journal.tables import InputOutcome, read_tables
 from common.links.predict import Figures, figures, predict, requested_figures
 from common.links.spec import LinkSpec
 from common.schemas import StepJournal
@@ -12,7 +12,7 @@ from verification.links.parts import RATE
 ON_TIME = 0.001
 """A wake-up this late at most [s] is on time."""
 
-_TAKEN = {int(Take.APPLIED), int(Take.LATE)}
+_TAKEN = {int(InputOutcome.APPLIED), int(InputOutcome.LATE)}
 
 
 @dataclass
@@ -27,8 +27,8 @@ class Takes:
         Raises:
             SchemaError: it contradicts itself.
         """
-        steps, takes = read_tables(journal)
-        for take in takes.tolist():
+        steps, inputs = read_tables(journal)
+        for take in inputs.tolist():
             if take[2] in _TAKEN:
                 self.rows.append((take[7], take[8], int(steps[take[0]][0])))
 

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import zenoh
 
 from common import queries
-from common.journal.journal import UNKNOWN
+from common.journal.tables import UNKNOWN
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.runtime.live.offset_estimator import Exchange, Offset, OffsetEstimator
 from common.schemas import Header

@@ -71,4 +71,4 @@ class JournalPublisher(Component):
 
 
 def _size(message: StepJournal) -> int:
-    return len(message.steps) + len(message.takes) + len(message.payloads)
+    return len(message.steps) + len(message.inputs) + len(message.payloads)

@@ -254,7 +254,7 @@ class LiveRunner:
     def _step(self, now_ns: int) -> None:
         self.inbox.begin_step(now_ns)
         self._outlets.publish(self._service.step(self.inbox, now_ns), now_ns)
-        self._journal.end(time.monotonic_ns())
+        self._journal.end_step(time.monotonic_ns())
         if self._service.exit_code is not None:
             self._stop.asked = True
 

@@ -1,9 +1,9 @@
-"""Runs one service again on what it was given when it was recorded, and compares what it says.
+"""Run one service again on its recorded inputs, and compare its outputs with the recorded ones.
 
 The third way to run a service, beside :mod:`common.runtime.live.runner` and
 :mod:`common.runtime.simulated.runner`. Each step gets the recorded time and exactly the messages
-that the journal says it took in, with the recorded times of arrival and injected delays. What the
-service returns is encoded with the recorded header's transport fields (boot, sent, encode) and
+that the journal says it took in, with the recorded times of arrival and injected delays. The
+service's outputs are encoded with the recorded header's transport fields (boot, sent, encode) and
 compared to the byte; number, stamp, capture time and everything else are the replay's own.
 
 A service is the same in a replay provided that it looks at nothing but its inputs: no clock, no
@@ -18,9 +18,14 @@ from typing import Any
 
 from common.errors import SchemaError, TrillError
 from common.inbox.inbox import Inbox
-from common.runtime.replay.difference import FieldDifference, differences, stamped
+from common.runtime.replay.difference import (
+    FieldDifference,
+    differences,
+    is_of_other_version,
+    stamped,
+)
 from common.runtime.replay.result import Difference, Report
-from common.runtime.replay.runs import Key, Recorded, Sent, ServiceRun, Step, Taken
+from common.runtime.replay.runs import InputRecord, Key, Recorded, Sent, ServiceRun, Step
 from common.runtime.service import Output, Service
 from common.schemas import Header, Message
 from common.topics import Topic
@@ -28,11 +33,11 @@ from common.wire.codec import decode
 from common.wire.header import wire_header
 
 Progress = Callable[[int, int], None]
-"""Told the steps done and the steps to do, now and then."""
+"""Called now and then with the steps done and the steps to do."""
 Listener = Callable[[Topic[Any], bytes, int], None]
-"""Given each replayed message: its topic, bytes and the time of its step [ns]."""
+"""Called with each replayed message: its topic, bytes and the time of its step [ns]."""
 
-_TELL_EVERY = 50
+_STEPS_PER_PROGRESS = 50
 
 
 @dataclass(frozen=True)
@@ -46,48 +51,46 @@ class _Replayed:
 
 
 class ReplayRunner:
-    """Replays one life of one service, once."""
+    """Replays one run of one service, once."""
 
     def __init__(
         self,
         service: Service,
-        life: ServiceRun,
+        run: ServiceRun,
         messages: Iterable[Recorded],
         *,
         tolerance: float = 0.0,
         window_ns: tuple[int, int] = (0, 2**63),
-        progress: Progress = lambda _done, _all: None,
-        listener: Listener | None = None,
+        on_progress: Progress = lambda _done, _all: None,
+        on_message: Listener | None = None,
     ) -> None:
         """Prepare; nothing is read yet.
 
         Args:
             service: a new one, built as the recorded one was.
-            life: which life of it.
+            run: the recorded run to replay.
             messages: the recording it is from, once through, in the order of arrival.
             tolerance: a number may differ by this much, relative to the field's largest magnitude
                 (or to 1 if that is less); 0: not a bit.
             window_ns: steps whose outputs are compared, on the service's clock [ns]; all before
                 are replayed, those after are not.
-            progress: told how far it is.
-            listener: given what the service says.
+            on_progress: called now and then during :meth:`run`.
+            on_message: called with each message that the service returns.
 
         Raises:
-            TrillError: the life cannot be replayed, or ``service`` is another one.
+            TrillError: the run cannot be replayed, or ``service`` is another one.
         """
-        if life.obstacle:
-            raise TrillError(
-                f"{life.service}, life {life.number}, cannot be replayed: {life.obstacle}"
-            )
-        if service.name != life.service:
-            raise TrillError(f"expected a service named {life.service!r}, got {service.name!r}")
-        self.report = Report(life.service, life.number, life.boot)
-        self._service, self._life = service, life
+        if run.obstacle:
+            raise TrillError(f"{run.service}, run {run.number}, cannot be replayed: {run.obstacle}")
+        if service.name != run.service:
+            raise TrillError(f"expected a service named {run.service!r}, got {service.name!r}")
+        self.report = Report(run.service, run.number, run.boot)
+        self._service, self._run = service, run
         self._messages: Iterator[Recorded] = iter(messages)
         self._tolerance, self._window = tolerance, window_ns
-        self._progress, self._listener = progress, listener
+        self._on_progress, self._on_message = on_progress, on_message
         self._inbox = Inbox(service.reads, service=service.name)
-        self._needed = life.needed()
+        self._needed = run.needed()
         self._inputs: dict[Key, Recorded] = {}
         self._recorded: dict[tuple[str, int], tuple[Recorded, Header]] = {}
         self._waiting: dict[tuple[str, int], _Replayed] = {}
@@ -102,7 +105,7 @@ class ReplayRunner:
         began = time.perf_counter()
         last: Step | None = None
         try:
-            for step in self._life.steps():
+            for step in self._run.steps():
                 if step.now_ns > self._window[1]:
                     break
                 if not self._replay(step):
@@ -111,37 +114,37 @@ class ReplayRunner:
                 if self._service.exit_code is not None:
                     self._ended_itself(step)
                     break
-                if step.number % _TELL_EVERY == 0:
-                    self._progress(step.number, self._life.length)
+                if step.number % _STEPS_PER_PROGRESS == 0:
+                    self._on_progress(step.number, self._run.length)
             else:
-                self.report.stopped = self._life.ends
+                self.report.stopped = self._run.ends
             self._settle(last)
         finally:
             self._service.close()
-        report, (start, _) = self.report, self._life.span_ns
+        report, (start, _) = self.report, self._run.span_ns
         report.wall = time.perf_counter() - began
         report.replayed = 1e-9 * (last.now_ns - start) if last else 0.0
-        self._progress(self._life.length, self._life.length)
+        self._on_progress(self._run.length, self._run.length)
         return report
 
     def _ended_itself(self, step: Step) -> None:
-        if step.number + 1 < self._life.length:
+        if step.number + 1 < self._run.length:
             self.report.stopped = (
                 f"the service ended itself in step {step.number}, which it did not in the recording"
             )
 
     def _replay(self, step: Step) -> bool:
         """Run one step; False if it cannot be run or did not end."""
-        taken = []
-        for item in step.taken:
+        inputs = []
+        for item in step.inputs:
             message = self._input(item, step)
             if message is None:
                 return False
-            taken.append((item.key[0], message, item.arrival_ns))
+            inputs.append((item.key[0], message, item.arrival_ns))
         self._now = step.now_ns
-        self._inbox.begin_replayed_step(step.now_ns, taken)
+        self._inbox.begin_replayed_step(step.now_ns, inputs)
         report = self.report
-        report.inputs += len(taken)
+        report.inputs += len(inputs)
         try:
             outputs = self._service.step(self._inbox, step.now_ns)
         except Exception as error:  # noqa: BLE001 - what it raised may be what was recorded
@@ -158,10 +161,10 @@ class ReplayRunner:
         self._compare_waiting()
         return True
 
-    def _input(self, item: Taken, step: Step) -> Message | None:
-        """The message that the step took in; None (and why) if it cannot be had."""
+    def _input(self, item: InputRecord, step: Step) -> Message | None:
+        """Return a message that the step took in; None, with the reason noted, if it is lost."""
         topic_name, source, _, seq = item.key
-        payload, tag = item.payload, ""
+        payload, tag = item.payload, item.tag
         while payload is None:
             recorded = self._inputs.pop(item.key, None)
             if recorded is not None:
@@ -175,8 +178,8 @@ class ReplayRunner:
         topic = next((t for t in self._service.reads if t.name == topic_name), None)
         if topic is None:
             self.report.stopped = (
-                f"step {step.number} took in {topic_name}, which this version of {source} does "
-                "not read"
+                f"step {step.number} took in {topic_name}, which this version of "
+                f"{self._service.name} does not read"
             )
             return None
         schema: type[Message] = topic.schema
@@ -198,16 +201,16 @@ class ReplayRunner:
         key = (name, header.source, header.boot, header.seq)
         if key in self._needed:
             self._inputs[key] = message
-        mine = header.boot == self._life.boot and header.source == self._life.service
+        mine = header.boot == self._run.boot and header.source == self._run.service
         if mine and name in self._writes:
             self._recorded[name, header.seq] = (message, header)
         return True
 
     def _wanted(self, topic: Topic[Any]) -> bool:
-        """What the service was told then: where it asks, it published if it was wanted."""
+        """Return the recorded answer: a service that asks publishes if and only if it is wanted."""
         times = self._asked.get(topic.name)
         if times is None:
-            sent = self._life.sent.get(topic.name, Sent())
+            sent = self._run.sent.get(topic.name, Sent())
             times = dict(zip(sent.captured, sent.seqs, strict=True))
             self._asked[topic.name] = times
         return self._now in times
@@ -231,8 +234,8 @@ class ReplayRunner:
 
     def _compare(self, made: _Replayed, recorded: Recorded, then: Header) -> None:
         header = self._header(made, then.sent, then.encode)
-        if self._listener is not None:
-            self._listener(made.topic, stamped(made.message, header), made.step.now_ns)
+        if self._on_message is not None:
+            self._on_message(made.topic, stamped(made.message, header), made.step.now_ns)
         if made.step.now_ns < self._window[0]:
             return
         report, tally = self.report, self.report.outputs[made.topic.name]
@@ -240,7 +243,9 @@ class ReplayRunner:
         for item in found:
             name = f"{made.topic.name} {item.field.partition('[')[0]}"
             report.worst[name] = max(report.worst.get(name, 0.0), item.relative)
-        if not found:
+        if not found and is_of_other_version(recorded):
+            tally.close += 1
+        elif not found:
             tally.equal += 1
         elif self._tolerance > 0.0 and all(item.relative <= self._tolerance for item in found):
             tally.close += 1
@@ -256,7 +261,7 @@ class ReplayRunner:
             "captured": own.captured or made.step.now_ns,
             "sent": sent,
             "encode": encode,
-            "boot": self._life.boot,
+            "boot": self._run.boot,
             "source": self._service.name,
             "injected": 0,
         }
@@ -269,12 +274,12 @@ class ReplayRunner:
         """Find the recorded counterparts still to come, and account for what has none."""
         while self._waiting and self._advance():
             self._compare_waiting()
-        sent = self._life.sent
+        sent = self._run.sent
         began = min((s.captured[0] for name, s in sent.items() if name in self._writes), default=0)
         for made in self._waiting.values():
-            if self._listener is not None:
+            if self._on_message is not None:
                 payload = stamped(made.message, self._header(made, made.step.now_ns, 0))
-                self._listener(made.topic, payload, made.step.now_ns)
+                self._on_message(made.topic, payload, made.step.now_ns)
             known = sent.get(made.topic.name, Sent()).seqs
             lost = made.step.now_ns < began or (len(known) > 0 and made.seq < max(known))
             tally = self.report.outputs[made.topic.name]
@@ -289,13 +294,13 @@ class ReplayRunner:
     def _settle_missing(self, last: Step) -> None:
         """Account for what was recorded of the steps replayed and not said again."""
         missing: list[tuple[int, str, int]] = []
-        for name in self._writes & self._life.sent.keys():
-            sent, made = self._life.sent[name], self._made[name]
+        for name in self._writes & self._run.sent.keys():
+            sent, made = self._run.sent[name], self._made[name]
             for seq, captured in zip(sent.seqs, sent.captured, strict=True):
                 if seq not in made and self._window[0] <= captured <= last.now_ns:
                     self.report.outputs[name].missing += 1
                     missing.append((captured, name, seq))
         if missing:
             captured, name, seq = min(missing)
-            steps = (step.number for step in self._life.steps() if step.now_ns >= captured)
+            steps = (step.number for step in self._run.steps() if step.now_ns >= captured)
             self.report.note(Difference(next(steps, last.number), captured, name, seq, "missing"))

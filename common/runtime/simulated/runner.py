@@ -234,7 +234,7 @@ class SimTimeRunner:
 
     def _keep_journal(self, host: _Host, journal: Journal) -> None:
         """A step has ended: publish the journal if it is time, or the service has ended."""
-        journal.end(self._now)
+        journal.end_step(self._now)
         if self._now >= host.journal_due or host.service.exit_code is not None:
             host.journal_due = self._now + JOURNAL_PERIOD_NS
             message = journal.fetch()

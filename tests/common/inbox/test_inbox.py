@@ -12,7 +12,7 @@ from common.journal.journal import Journal
 from common.links.config import Links
 from common.schemas import Estop, Gait, GaitRequest, Header, PlantState
 from common.topics import ESTOP, HEALTH, PLANT_STATE, TELEOP_GAIT, WBC_COMMAND, Topic
-from common.wire.codec import encode, schema_tag
+from common.wire.codec import encode, schema_hash, schema_tag
 from tests.common.transport.support import health, plant_state
 
 MS = 1_000_000
@@ -120,7 +120,7 @@ def test_wrong_schema_tag_is_refused_with_both_names() -> None:
     status = inbox.status(PLANT_STATE)
     assert status.refused == 1
     assert schema_tag(Estop) in status.last_refusal
-    assert schema_tag(PlantState) in status.last_refusal
+    assert f"trill/PlantState/1;{schema_hash(PlantState)}" in status.last_refusal
 
 
 def test_fresh_and_age_follow_the_last_good_message() -> None:

@@ -10,7 +10,7 @@ from common.errors import ConfigError
 from common.inbox.buffer import InboxContext
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
-from common.journal.journal import UNKNOWN
+from common.journal.tables import UNKNOWN
 from common.links.config import Links
 from common.runtime.live.main import argument_parser, load_settings
 from common.schemas import Estop, Gait, GaitRequest, Header, Message, Setpoint

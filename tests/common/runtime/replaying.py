@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from common.journal.journal import read_tables
+from common.journal.tables import read_tables
 from common.runtime.replay.result import Report
 from common.runtime.replay.runner import ReplayRunner
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
@@ -108,9 +108,9 @@ def without_payloads(messages: Sequence[Recorded]) -> list[Recorded]:
 
 
 def _strip(journal: StepJournal) -> StepJournal:
-    takes = read_tables(journal)[1].copy()
-    takes[:, 11] = 0
-    return journal.model_copy(update={"takes": takes.tobytes(), "payloads": b""})
+    inputs = read_tables(journal)[1].copy()
+    inputs[:, 11] = 0
+    return journal.model_copy(update={"inputs": inputs.tobytes(), "payloads": b""})
 
 
 def changed(message: Recorded, change: Callable[[Any], Any]) -> Recorded:

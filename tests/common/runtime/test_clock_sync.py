@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from common.inbox.inbox import Inbox
-from common.journal.journal import UNKNOWN
+from common.journal.tables import UNKNOWN
 from common.runtime.live.clock_sync import (
     Answer,
     ClockSync,
@@ -78,7 +78,7 @@ class Handler:
 
 
 class Bench:
-    """An component that takes in 100 messages a second from "sim"."""
+    """An component that inputs in 100 messages a second from "sim"."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr("common.runtime.live.clock_sync.zenoh.handlers.Callback", Handler)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from common.journal.journal import Take, read_tables
+from common.journal.tables import InputOutcome, read_tables
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
 from common.runtime.service import Inputs, Output
 from common.schemas import StepJournal
@@ -48,7 +48,7 @@ def test_the_inbox_answers_as_it_did(strip: bool) -> None:
     original = Spy()
     messages = recorded(jittery(original))
     kinds = {kind for life in find_runs(messages) for kind in kinds_of(messages, life)}
-    assert {Take.APPLIED, Take.LATE, Take.STALE, Take.LOST} <= kinds
+    assert {InputOutcome.APPLIED, InputOutcome.LATE, InputOutcome.STALE, InputOutcome.LOST} <= kinds
     again = Spy()
     replay(again, without_payloads(messages) if strip else messages)
     length = len(again.answers)
@@ -57,13 +57,13 @@ def test_the_inbox_answers_as_it_did(strip: bool) -> None:
     assert again.answers == original.answers[:length]
 
 
-def kinds_of(messages: Sequence[Recorded], life: ServiceRun) -> set[Take]:
-    found: set[Take] = set()
+def kinds_of(messages: Sequence[Recorded], life: ServiceRun) -> set[InputOutcome]:
+    found: set[InputOutcome] = set()
     for message in messages:
         header = wire_header(message.payload)
         if message.topic is JOURNAL and header is not None and header.boot == life.boot:
-            takes = read_tables(decode(message.payload, StepJournal))[1]
-            found |= {Take(kind) for kind in takes[:, 2].tolist()}
+            inputs = read_tables(decode(message.payload, StepJournal))[1]
+            found |= {InputOutcome(number) for number in inputs[:, 2].tolist()}
     return found
 
 

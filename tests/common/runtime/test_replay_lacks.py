@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from common.errors import TrillError
-from common.journal.journal import Journal, Take
+from common.journal.journal import Journal
+from common.journal.tables import InputOutcome, InputTimes
 from common.runtime.replay.runner import ReplayRunner
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
 from common.runtime.service import Inputs, Output
@@ -71,7 +72,7 @@ def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
     taken = [
         item.key[3]
         for step in life_of(whole, "wbc").steps()
-        for item in step.taken
+        for item in step.inputs
         if item.key[0] == "plant/state"
     ]
     victim = taken[100]
@@ -101,10 +102,10 @@ def test_a_hole_in_the_journal_ends_the_replay(messages: list[Recorded]) -> None
 
 def test_what_a_journal_could_not_note_ends_the_replay() -> None:
     journal = Journal("wbc")
-    journal.begin(0)
+    journal.begin_step(0)
     for number in range(70):
         header = gait_request(number).header.model_copy(update={"source": f"s{number}"})
-        journal.take("teleop/gait", Take.APPLIED, header, b"", (0, 0, 0, 0))
+        journal.record("teleop/gait", InputOutcome.APPLIED, header, b"", "", InputTimes(0, 0, 0, 0))
     message = journal.fetch()
     assert message is not None
     assert message.lost == 6
@@ -143,9 +144,9 @@ def test_a_failure_is_replayed_too() -> None:
     journal = Journal("wbc")
     message = None
     for step in range(51):
-        journal.begin(step * 10_000_000)
+        journal.begin_step(step * 10_000_000)
         if step < 50:
-            journal.end(step * 10_000_000 + 1)
+            journal.end_step(step * 10_000_000 + 1)
     message = journal.fetch()
     assert message is not None
     life = ServiceRun("wbc", 1, 1)

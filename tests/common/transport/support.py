@@ -43,6 +43,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
         repeated=6,
         skipped=3,
         stale=4,
+        adapted=7,
         refused=2,
         link="250ms",
         requested_mean=0.25,
@@ -163,9 +164,13 @@ def examples() -> list[Message]:
         schemas.StepJournal(
             service="wbc",
             first_step=7,
-            streams=[schemas.Stream(topic="plant/state", source="sim", boot=2**40)],
+            sources=[
+                schemas.InputSource(
+                    topic="plant/state", source="sim", boot=2**40, schema_tag="trill/X/1;ab"
+                )
+            ],
             steps=bytes(16),
-            takes=bytes(96),
+            inputs=bytes(96),
             payloads=b"abc",
             settings='{"rate": 100.0}',
             lost=2,

@@ -1,15 +1,17 @@
 """Publishers, inboxes and taps over real sessions on loopback."""
 
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
+import msgpack
 import pytest
 
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
-from common.schemas import Estop, Header
+from common.schemas import Estop, Header, PlantState
 from common.topics import ESTOP, HEALTH, PLANT_STATE, Topic
 from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
@@ -153,6 +155,40 @@ def test_foreign_bytes_on_a_key_are_refused_and_explained(bus: Bus) -> None:
     assert "received no schema" in text
     assert "unknown field 'reason'" in text
     assert inbox.latest(PLANT_STATE) is None
+
+
+def test_senders_of_other_versions_are_heard_and_counted(bus: Bus) -> None:
+    """An older one lacks an optional field, a newer one has one more."""
+    inbox = bus.reader(bus.session("wbc"), PLANT_STATE)
+    session = bus.session("sim")
+    own = schema_tag(PlantState)
+    fields = msgpack.unpackb(encode(plant_state(), Header(boot=1)))
+    assert fields.pop("reset_count") == 2
+
+    number = itertools.count()
+
+    def send(fields: dict[str, Any], tag: str) -> None:
+        header = fields["header"] | {"seq": next(number)}
+        payload = msgpack.packb(fields | {"header": header})
+        session.put("draco3/plant/state", payload, encoding=f"application/msgpack;{tag}")
+
+    older, _, digests = own.rpartition(";")
+    assert len(digests) == 4  # of the one optional field
+    assert arrived(inbox, PLANT_STATE, lambda: send(fields, older))
+    state = inbox.latest(PLANT_STATE)
+    assert state is not None
+    assert state.reset_count == 0
+    more = fields | {"reset_count": 3, "battery": 0.5}
+    assert arrived(inbox, PLANT_STATE, lambda: send(more, f"{own}12ab"))
+    state = inbox.latest(PLANT_STATE)
+    assert state is not None
+    assert state.reset_count == 3
+    (link,) = inbox.link_health()
+    assert 2 <= link.adapted <= link.received
+    assert link.refused == 0
+    counted = link.adapted
+    assert arrived(inbox, PLANT_STATE, lambda: send(fields | {"reset_count": 4}, own))
+    assert inbox.link_health()[0].adapted == counted
 
 
 def test_tap_sees_everything_of_its_robot_with_tags(bus: Bus) -> None:

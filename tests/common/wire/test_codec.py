@@ -218,8 +218,8 @@ def test_tag_of_another_schema_is_refused_naming_both_and_the_fields() -> None:
     with pytest.raises(SchemaError) as caught:
         decode(encode(health(), HEADER), GaitRequest, schema_tag(ServiceHealth))
     text = str(caught.value)
-    assert schema_tag(ServiceHealth) in text
-    assert schema_tag(GaitRequest) in text
+    assert f"trill/ServiceHealth/1;{schema_hash(ServiceHealth)}" in text
+    assert f"trill/GaitRequest/1;{schema_hash(GaitRequest)}" in text
     assert "missing field 'gait'" in text
     assert "unknown field 'cpu'" in text
 
@@ -270,12 +270,17 @@ def test_version_is_part_of_tag_and_hash() -> None:
 
 
 def test_description_in_words() -> None:
-    assert describe(PlantState)["base_quaternion"] == "float64[4] unit"
-    assert describe(JointCommand)["position"] == "float64[27]"
-    assert describe(PlantStatus)["guard"] == (
+    assert describe(PlantState).required["base_quaternion"] == "float64[4] unit"
+    assert describe(JointCommand).required["position"] == "float64[27]"
+    assert describe(PlantStatus).required["guard"] == (
         "GuardMode(SILENT=0, ACTIVE=1, HOLD=2, DAMP=3, ESTOP=4)"
     )
-    assert describe(ServiceHealth)["links"].startswith("list of LinkHealth{topic: str, ")
+    links = describe(ServiceHealth).required["links"]
+    assert links.startswith("list of LinkHealth{topic: str, ")
+    assert "late" not in links
+    assert describe(ServiceHealth).optional["links.late"] == "int"
+    assert describe(PlantState).optional == {"reset_count": "int"}
+    assert "boot: int" in describe(PlantState).required["header"]
 
 
 def test_types_the_bus_cannot_carry_are_refused() -> None:
