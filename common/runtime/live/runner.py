@@ -87,7 +87,7 @@ class LiveRunner:
             links=self._links,
             seed=self._runtime.seed,
             trigger=service.trigger,
-            tools=InboxContext(clocks.offset_of, time.monotonic_ns, self._journal),
+            context=InboxContext(clocks.offset_of, time.monotonic_ns, self._journal),
             max_age=self._runtime.max_age,
         )
         self._outlets: PublisherSet

@@ -304,7 +304,7 @@ class SimTimeRunner:
             service=service.name,
             links=self._links,
             seed=self._seed,
-            tools=InboxContext(journal=host.journal),
+            context=InboxContext(journal=host.journal),
         )
         self._untold += self._set_links.begin(service.name, host.inbox)
         writes = (*service.writes, LINK_CHANGE, *((JOURNAL,) if self._journal else ()))

@@ -34,9 +34,9 @@ class Reader:
         self.now = 10 * SECOND
         self.journal = Journal("wbc", {"rate": 100})
         self.decoding = 0
-        tools = InboxContext(lambda _header: -200 * MS, self._clock, self.journal)
+        context = InboxContext(lambda _header: -200 * MS, self._clock, self.journal)
         links = Links.from_table({"plant/state": link} if link else {}, ["wbc"])
-        self.inbox = Inbox((PLANT_STATE, TELEOP_GAIT), service="wbc", links=links, tools=tools)
+        self.inbox = Inbox((PLANT_STATE, TELEOP_GAIT), service="wbc", links=links, context=context)
         self.seq = 0
 
     def _clock(self) -> int:
@@ -206,7 +206,7 @@ def test_a_header_beyond_the_columns_is_refused_and_stops_nothing() -> None:
     reader.step()
     _, rows = reader.fetch()
     assert [row["outcome"] for row in rows] == [InputOutcome.APPLIED]
-    assert reader.inbox.status(PLANT_STATE).refused == 5
+    assert reader.inbox.health_of(PLANT_STATE).refused == 5
     assert stages(reader)["total"]
 
 

@@ -82,7 +82,7 @@ def test_typed_message_crosses_the_bus(bus: Bus) -> None:
     assert (header.stamp, header.source, header.boot) == (42, "sim", boot)
     assert 0 <= header.seq < publisher.sent
     assert got.joint_torque.tobytes() == message.joint_torque.tobytes()
-    assert inbox.status(PLANT_STATE).refused == 0
+    assert inbox.health_of(PLANT_STATE).refused == 0
     assert publisher.errors == 0
 
 
@@ -104,7 +104,7 @@ def test_every_event_arrives_once_in_order(bus: Bus) -> None:
         time.sleep(0.002)
     assert until(collect)
     assert numbers[-100:] == list(range(start, start + 100))
-    assert inbox.status(ESTOP).gaps == 0
+    assert inbox.health_of(ESTOP).gaps == 0
 
 
 def test_per_source_topic_is_heard_from_everyone_but_oneself(bus: Bus) -> None:
@@ -137,7 +137,7 @@ def test_another_robot_is_not_heard(bus: Bus) -> None:
     publisher = Publisher(bus.session("sim"), "r2", ESTOP, "sim", 1)
     assert arrived(other, ESTOP, lambda: publisher.send(Estop(reason="stop")))
     inbox.begin_step(time.monotonic_ns())
-    assert inbox.status(ESTOP).received == 0
+    assert inbox.health_of(ESTOP).received == 0
 
 
 def test_foreign_bytes_on_a_key_are_refused_and_explained(bus: Bus) -> None:
@@ -148,10 +148,10 @@ def test_foreign_bytes_on_a_key_are_refused_and_explained(bus: Bus) -> None:
     def attempt() -> bool:
         session.put("draco3/plant/state", encode(message, message.header), encoding="text/plain")
         inbox.begin_step(time.monotonic_ns())
-        return inbox.status(PLANT_STATE).refused > 0
+        return inbox.health_of(PLANT_STATE).refused > 0
 
     assert until(attempt)
-    text = inbox.status(PLANT_STATE).last_refusal
+    text = inbox.health_of(PLANT_STATE).last_refusal
     assert "received no schema" in text
     assert "unknown field 'reason'" in text
     assert inbox.latest(PLANT_STATE) is None
@@ -285,10 +285,10 @@ def test_clients_reach_each_other_through_a_router_and_its_successor(bus: Bus) -
     publisher = Publisher(bus.session("sim", client_config), "draco3", ESTOP, "sim", 1)
     assert arrived(inbox, ESTOP, lambda: publisher.send(Estop(reason=ESTOP_TEXT)))
     router.close()
-    received = inbox.status(ESTOP).received
+    received = inbox.health_of(ESTOP).received
     successor: Any = bus.session("router", router_config)
     assert arrived(inbox, ESTOP, lambda: publisher.send(Estop(reason=ESTOP_TEXT)))
-    assert inbox.status(ESTOP).received > received
+    assert inbox.health_of(ESTOP).received > received
     assert successor is not None
 
 
