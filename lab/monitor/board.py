@@ -80,8 +80,8 @@ class ServiceRow:
     """Since its health was heard [s]."""
     beat: float | None = None
     """Since its heartbeat was heard [s]; None: it has none."""
-    promise: float = 0.0
-    """Silence of it that means death [s]."""
+    timeout: float = 0.0
+    """Its heartbeat timeout [s]."""
 
     @property
     def silent(self) -> float:
@@ -91,7 +91,7 @@ class ServiceRow:
     @property
     def alive(self) -> bool:
         """Whether it gave a sign of life lately."""
-        patience = DEAD_AFTER if self.beat is None else PATIENCE * self.promise
+        patience = DEAD_AFTER if self.beat is None else PATIENCE * self.timeout
         return self.silent <= patience
 
     @property
@@ -233,7 +233,7 @@ class BusStats:
         beat = None if account is None else _decoded(HEARTBEAT, account)
         if account is None or beat is None:
             return ServiceRow(health, age)
-        return ServiceRow(health, age, account.age(now_ns), beat.promise)
+        return ServiceRow(health, age, account.age(now_ns), beat.timeout)
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Last message of a topic with one source; None before the first good one."""

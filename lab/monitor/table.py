@@ -246,7 +246,7 @@ def _peers(rows: Sequence[PeerRow]) -> Table:
             peer.source,
             row.seen_by,
             Text(f"silent {peer.silent:.1f} s", style=BAD) if gone else Text("alive", style=GOOD),
-            _count(peer.deaths),
+            _count(peer.losses),
             f"{1e3 * peer.clock_offset:.3f} ± {1e3 * peer.clock_error:.3f} ms"
             if peer.clock_error >= 0.0
             else Text("unknown", style=ODD),

@@ -1,4 +1,4 @@
-"""How far another process's monotonic clock is from this one's, by exchanging times. Pure.
+"""Estimate the offset between two processes' monotonic clocks from exchanged times. Pure.
 
 One exchange: this side asks at ``asked``, the other receives at ``received`` and answers at
 ``answered`` by its own clock, this side hears at ``heard``. With offset = this clock minus the
@@ -56,7 +56,7 @@ class OffsetEstimator:
     """
 
     def __init__(self, max_drift: float = MAX_DRIFT, window: int = WINDOW) -> None:
-        """Start knowing nothing.
+        """Start without an exchange.
 
         Args:
             max_drift: how fast the clocks may drift apart [s/s].
@@ -68,7 +68,7 @@ class OffsetEstimator:
         self._exchanges: deque[Exchange] = deque(maxlen=window)
 
     def add(self, exchange: Exchange) -> bool:
-        """Take in an exchange; False if its times contradict each other and it is not used."""
+        """Add an exchange; False if its times contradict each other and it is not used."""
         if exchange.round_trip < 0 or exchange.heard < exchange.asked:
             return False
         if any(self._contradict(exchange, known) for known in self._exchanges):
@@ -78,7 +78,7 @@ class OffsetEstimator:
         return True
 
     def estimate(self, now_ns: int) -> Offset | None:
-        """The best estimate at a time of this clock; None before the first exchange."""
+        """Return the best estimate at a time of this clock; None before the first exchange."""
         if not self._exchanges:
             return None
         best = min(self._exchanges, key=lambda exchange: self._error(exchange, now_ns))
@@ -90,6 +90,6 @@ class OffsetEstimator:
         return exchange.round_trip // 2 + 1 + round(self._max_drift * age)
 
     def _contradict(self, new: Exchange, old: Exchange) -> bool:
-        """Whether no one offset fits both."""
+        """Return whether no single offset fits both."""
         apart = abs(new.offset - old.offset)
         return apart > self._error(new, new.heard) + self._error(old, new.heard)

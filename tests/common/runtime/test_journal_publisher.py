@@ -75,7 +75,7 @@ def test_a_late_listener_gets_a_life_from_its_first_step_in_small_pieces() -> No
     assert np.diff(at[-5:-1]).min() >= PERIOD_NS
 
 
-@pytest.mark.parametrize(("bound", "most"), [("_KEPT_BYTES", 100_000), ("_KEPT", 50)])
+@pytest.mark.parametrize(("bound", "most"), [("_MAX_WAITING_BYTES", 100_000), ("_MAX_WAITING", 50)])
 def test_too_much_is_given_up_from_the_oldest(
     monkeypatch: pytest.MonkeyPatch, bound: str, most: int
 ) -> None:
@@ -88,7 +88,7 @@ def test_too_much_is_given_up_from_the_oldest(
     assert numbers == list(range(numbers[0], bench.steps))
     assert numbers[0] > 0
     sizes = [len(m.steps) + len(m.inputs) + len(m.payloads) for _, m in bench.sent]
-    kept = sum(sizes) if bound == "_KEPT_BYTES" else len(sizes)
+    kept = sum(sizes) if bound == "_MAX_WAITING_BYTES" else len(sizes)
     assert 0.9 * most < kept <= most
 
 

@@ -70,7 +70,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
                 source="wbc",
                 alive=True,
                 silent=0.02,
-                deaths=1,
+                losses=1,
                 clock_offset=-0.2,
                 clock_error=1e-4,
             )
@@ -160,7 +160,7 @@ def examples() -> list[Message]:
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
         health(),
-        schemas.Heartbeat(steps=12, promise=0.1),
+        schemas.Heartbeat(steps=12, timeout=0.1),
         schemas.StepJournal(
             service="wbc",
             first_step=7,

@@ -58,16 +58,16 @@ def test_a_heartbeat_tells_life_sooner_than_health() -> None:
     board.note([sample(life.health("wbc", misses=0, median=0.0, p99=0.0), at=10.0)])
     (service,) = board.view(12 * SECOND).services
     assert (service.alive, service.beat) == (True, None)
-    board.note([sample(beat(life, "wbc", promise=0.1), at=10.1)])
+    board.note([sample(beat(life, "wbc", timeout=0.1), at=10.1)])
     (service,) = board.view(round(10.3 * SECOND)).services
     assert service.alive
     assert service.silent == pytest.approx(0.2)
     (service,) = board.view(round(10.5 * SECOND)).services
     assert not service.alive
     # Another one's does not count for it; a longer promise does.
-    board.note([sample(beat(life, "sim", promise=0.1), at=10.45)])
+    board.note([sample(beat(life, "sim", timeout=0.1), at=10.45)])
     assert not board.view(round(10.5 * SECOND)).services[0].alive
-    board.note([sample(beat(life, "wbc", promise=1.0), at=10.45)])
+    board.note([sample(beat(life, "wbc", timeout=1.0), at=10.45)])
     assert board.view(round(12.5 * SECOND)).services[0].alive
 
 
@@ -122,9 +122,9 @@ def everything() -> BusStats:
     return board
 
 
-def beat(life: Life, source: str, promise: float) -> Pair:
+def beat(life: Life, source: str, timeout: float) -> Pair:
     header = life.header(HEARTBEAT, source)
-    return HEARTBEAT, Heartbeat(header=header, steps=1, promise=promise)
+    return HEARTBEAT, Heartbeat(header=header, steps=1, timeout=timeout)
 
 
 def watched() -> BusStats:
@@ -144,7 +144,7 @@ def watched() -> BusStats:
     ]  # fmt: skip
     peers = [
         PeerHealth(source="sim", alive=True, silent=0.03, clock_error=0.0),
-        PeerHealth(source="teleop", alive=False, silent=2.5, deaths=1, clock_error=0.0),
+        PeerHealth(source="teleop", alive=False, silent=2.5, losses=1, clock_error=0.0),
         PeerHealth(source="far", alive=True, silent=0.0, clock_offset=-0.2, clock_error=4e-4),
         PeerHealth(source="strange", alive=True, silent=0.0),
         PeerHealth(source="beatless", alive=False, silent=-1.0, clock_error=0.0),
