@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict
 from common.episodes.episode_file import EpisodeMeta, open_episode, parse_meta
 from common.episodes.errors import EpisodeError
 from common.errors import ConfigError
-from common.files import PART, alone, write_whole
+from common.files import PART, exclusive_lock, write_whole
 from lab.demonstrations.collect.dataset import RECIPE, Build, DatasetFile, read_dataset
 from lab.demonstrations.collect.recipe import EpisodeConfig
 
@@ -105,7 +105,7 @@ class Store:
         """
         with ExitStack() as stack:
             with _disk(self.root / _LOCK):
-                stack.enter_context(alone(self.root / _LOCK, EpisodeError))
+                stack.enter_context(exclusive_lock(self.root / _LOCK, EpisodeError))
             yield
 
     @contextmanager
