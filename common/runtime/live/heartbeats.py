@@ -136,6 +136,12 @@ class Heartbeats(Component):
         self._polled_ns = now_ns
         self.due_ns = min(self._send_due, self._check_due)
 
+    def close(self) -> None:
+        """Receive no more heartbeats."""
+        for peer in self._peers.values():
+            if peer.subscriber is not None:
+                peer.subscriber.undeclare()
+
     def report(self) -> dict[str, Any]:
         """Return every source of inputs as seen from here."""
         now = self._polled_ns

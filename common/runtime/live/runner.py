@@ -97,6 +97,7 @@ class LiveRunner:
             max_age=self._runtime.max_age,
         )
         self._publishers: PublisherSet
+        self._subscribers: list[Any] = []
         self._next_health = self._next_collect = 0
         self._settled = False
 
@@ -139,8 +140,7 @@ class LiveRunner:
             _log.exception("%s failed", self._service.name)
             code = 1
         finally:
-            self._close_components()
-            self._schemas.close()
+            self._close_topics()
             gc.enable()
             gc.unfreeze()
             try:
@@ -185,13 +185,17 @@ class LiveRunner:
         for component in self._components.all:
             component.open(context)
 
-    def _close_components(self) -> None:
-        """Close every component, whatever another one raises."""
+    def _close_topics(self) -> None:
+        """Close every component, whatever another one raises, and receive no more."""
         for component in self._components.all:
             try:
                 component.close()
             except Exception:  # noqa: BLE001 - the session is closed all the same
                 _log.exception("%s: %s failed", self._service.name, type(component).__name__)
+        self._schemas.close()
+        # A session that is closed while messages come in reports each of them as an error.
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
 
     def _loop(self) -> None:
         """Step until stopped."""
