@@ -6,7 +6,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from pydantic import model_validator
+from pydantic import ValidationError, field_validator, model_validator
 
 from common.errors import SchemaError
 from common.schemas import (
@@ -289,6 +289,34 @@ def test_types_the_bus_cannot_carry_are_refused() -> None:
 
     with pytest.raises(SchemaError, match=r"Strange\.value: the bus cannot carry"):
         schema_tag(Strange)
+
+
+def test_validators_of_one_field_are_run() -> None:
+    class Even(Message):
+        value: int
+
+        @field_validator("value")
+        @classmethod
+        def _even(cls, value: int) -> int:
+            if value % 2:
+                raise ValueError("the value is odd")
+            return value
+
+    assert decode(encode(Even(value=2), Header()), Even).value == 2
+    with pytest.raises(SchemaError, match="odd"):
+        decode(altered(Even(value=2), put("value", 3)), Even)
+
+
+def test_a_decoded_message_is_one_as_any_other() -> None:
+    message = plant_state()
+    back = decode(encode(message, HEADER), PlantState)
+    assert back.model_fields_set == set(PlantState.model_fields)
+    changed = back.model_copy(update={"reset_count": 9})
+    assert (changed.reset_count, back.reset_count) == (9, 2)
+    with pytest.raises(ValidationError, match="frozen"):
+        back.reset_count = 3
+    again = PlantState.model_validate(back.model_dump())
+    assert again.joint_position.tolist() == message.joint_position.tolist()
 
 
 def test_validators_on_a_whole_message_are_run() -> None:
