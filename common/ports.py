@@ -17,12 +17,12 @@ ROUTER_OFFSET = -1
 
 
 class Role(StrEnum):
-    """What a service is to the robot."""
+    """The part of a service or tool in the system."""
 
     PLANT = "plant"
     """Carries joint commands out and measures the state."""
     SENSOR = "sensor"
-    """Publishes what it sees of the robot's surroundings."""
+    """Publishes pictures of the robot's surroundings."""
     CONTROLLER = "controller"
     """Turns set-points into joint commands."""
     OPERATOR = "operator"
@@ -47,7 +47,7 @@ class KnownService:
     Attributes:
         name: as in topic keys, options and tables of a configuration file.
         offset: of its port from the base port; never given to another service later.
-        role: what it is to the robot.
+        role: its part in the system.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Where the time of a message went, stage by stage on its way from sensor to result. Pure."""
+"""Compute the time of messages in each stage of their way from sensor to result. Pure."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The tables in a journal message: one row for each step and for each message taken in.
+"""Read the tables in a journal message: a row for each step and for each message taken in.
 
 A step is a row of :data:`STEP_COLUMNS`: ``now`` is the step's time and ``used`` the time at which
 its results had been sent (0: not yet). A message taken in, an *input record*, is a row of

@@ -1,4 +1,4 @@
-"""What a service took in at each of its steps, so that it can be replayed and accounted for."""
+"""Inputs of each step of a service, for replay and for the latency ledger."""
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -20,8 +20,8 @@ class StepJournal(Message):
     """The steps of a service since its last journal message, published a few times a second.
 
     ``steps`` and ``inputs`` are tables of little-endian int64, row by row; their columns are in
-    :mod:`common.journal.tables`. For a sender heard for the first time, ``payloads`` carries the
-    bytes of its messages for some seconds, since a logger may not have been connected yet.
+    :mod:`common.journal.tables`. For a sender that is new, ``payloads`` carries the bytes of
+    its messages for some seconds, since a logger may not have been connected yet.
     """
 
     service: str = Field(max_length=64)

@@ -105,7 +105,7 @@ class BusConfig(BaseModel):
             "mode": self.mode,
             "scouting": {
                 "multicast": {"enabled": False},
-                # Of two peers that hear of each other only one connects: no crossing attempts.
+                # Of two peers that discover each other only one connects: no crossing attempts.
                 "gossip": {
                     "enabled": True,
                     "autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},

@@ -127,7 +127,7 @@ class ClockSync(Component):
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Senders whose messages were taken in so far."""
+        """Senders of the messages received so far."""
         return tuple(self._newest)
 
     def offset_of(self, header: Header) -> int:
@@ -230,7 +230,7 @@ class ClockSync(Component):
         except zenoh.ZError as error:
             _log.debug("cannot ask %s for its clock: %s", source, error)
 
-    def _process(self, source: str, asked: int, heard: int, payload: bytes) -> None:
+    def _process(self, source: str, asked: int, returned: int, payload: bytes) -> None:
         answer = unpack_answer(payload)
         peer = None if answer is None else self._peers.get((source, answer.boot))
         if answer is None or peer is None:
@@ -239,8 +239,8 @@ class ClockSync(Component):
             peer.same_clock, peer.offset = True, 0
             return
         steps = peer.estimator.steps
-        peer.estimator.add(Exchange(asked, answer.received, answer.answered, heard))
-        estimate = peer.estimator.estimate(heard)
+        peer.estimator.add(Exchange(asked, answer.received, answer.answered, returned))
+        estimate = peer.estimator.estimate(returned)
         if estimate is None:
             return
         if peer.offset == UNKNOWN:

@@ -32,7 +32,7 @@ _STILL_NS = 20 * _MS
 """A watcher that was not polled for this long may not have received what was sent; it waits as
 long again before it reports a loss."""
 _RETRY_NS = 50 * _MS
-"""Between looks for the next heartbeat of a lost peer."""
+"""Between checks for the next heartbeat of a lost peer."""
 _MAX_PEERS = 32
 
 

@@ -1,10 +1,10 @@
 """Estimate the offset between two processes' monotonic clocks from exchanged times. Pure.
 
 One exchange: this side asks at ``asked``, the other receives at ``received`` and answers at
-``answered`` by its own clock, this side hears at ``heard``. With offset = this clock minus the
-other, and since no message arrives before it was sent::
+``answered`` by its own clock, and the answer is back at ``returned``. With offset = this clock
+minus the other, and since no message arrives before it was sent::
 
-    asked - received <= offset <= heard - answered
+    asked - received <= offset <= returned - answered
 
 The interval is as wide as the round trip. Its middle is therefore off by half the round trip at
 most, however unequal the two ways are and whatever the delays' distribution is; nothing is
@@ -23,22 +23,22 @@ WINDOW = 16
 
 
 class Exchange(NamedTuple):
-    """Four times [ns]: ``asked`` and ``heard`` of this clock, the others of the other's."""
+    """Four times [ns]: ``asked`` and ``returned`` of this clock, the others of the other's."""
 
     asked: int
     received: int
     answered: int
-    heard: int
+    returned: int
 
     @property
     def round_trip(self) -> int:
         """Time on the way, both ways together [ns]."""
-        return (self.heard - self.asked) - (self.answered - self.received)
+        return (self.returned - self.asked) - (self.answered - self.received)
 
     @property
     def offset(self) -> int:
         """This clock minus the other [ns], within half a round trip."""
-        return (self.asked - self.received + self.heard - self.answered) // 2
+        return (self.asked - self.received + self.returned - self.answered) // 2
 
 
 class Offset(NamedTuple):
@@ -69,7 +69,7 @@ class OffsetEstimator:
 
     def add(self, exchange: Exchange) -> bool:
         """Add an exchange; False if its times contradict each other and it is not used."""
-        if exchange.round_trip < 0 or exchange.heard < exchange.asked:
+        if exchange.round_trip < 0 or exchange.returned < exchange.asked:
             return False
         if any(self._contradict(exchange, known) for known in self._exchanges):
             self.steps += 1
@@ -85,11 +85,11 @@ class OffsetEstimator:
         return Offset(best.offset, self._error(best, now_ns))
 
     def _error(self, exchange: Exchange, now_ns: int) -> int:
-        age = abs(now_ns - exchange.heard)
+        age = abs(now_ns - exchange.returned)
         # The middle is rounded down to a whole nanosecond.
         return exchange.round_trip // 2 + 1 + round(self._max_drift * age)
 
     def _contradict(self, new: Exchange, old: Exchange) -> bool:
         """Return whether no single offset fits both."""
         apart = abs(new.offset - old.offset)
-        return apart > self._error(new, new.heard) + self._error(old, new.heard)
+        return apart > self._error(new, new.returned) + self._error(old, new.returned)

@@ -101,7 +101,7 @@ def jittery(controller: Service | None = None, seconds: float = 2.0) -> SimTimeR
 
 
 def without_payloads(messages: Sequence[Recorded]) -> list[Recorded]:
-    """The same recording with journals that carry no message, as after a life's first seconds."""
+    """The same recording with journals that carry no message, as after a run's first seconds."""
     return [
         changed(message, _strip) if message.topic is JOURNAL else message for message in messages
     ]
@@ -118,14 +118,14 @@ def changed(message: Recorded, change: Callable[[Any], Any]) -> Recorded:
     return message._replace(payload=encode(change(before), before.header))
 
 
-def life_of(messages: Sequence[Recorded], service: str, number: int = 1) -> ServiceRun:
+def run_of(messages: Sequence[Recorded], service: str, number: int = 1) -> ServiceRun:
     return next(
-        life for life in find_runs(messages) if (life.service, life.number) == (service, number)
+        run for run in find_runs(messages) if (run.service, run.number) == (service, number)
     )
 
 
 def replay(service: Service, messages: Sequence[Recorded], number: int = 1, **how: Any) -> Report:
-    return ReplayRunner(service, life_of(messages, service.name, number), messages, **how).run()
+    return ReplayRunner(service, run_of(messages, service.name, number), messages, **how).run()
 
 
 def lacking(

@@ -149,7 +149,7 @@ def test_a_restart_makes_the_offset_unknown_until_asked_again(bench: Bench) -> N
     assert bench.offset() == UNKNOWN
     bench.run(0.1)
     assert bench.error() <= bench.net.way + 1
-    # What the earlier life sent and is still under way goes by the earlier life's clock.
+    # A message of the earlier run that is still under way has the earlier run's clock.
     assert abs(bench.clocks.offset_of(Header(source="sim", boot=5)) - 200 * MS) <= MS
 
 

@@ -1,4 +1,4 @@
-"""Death and life by heartbeats: the judgement alone, the component, and real processes."""
+"""Loss and return of peers by heartbeats: the decision, the component, and real processes."""
 
 import itertools
 import logging
@@ -23,7 +23,7 @@ MS = 1_000_000
 TIMEOUT = 100 * MS
 
 
-def test_silence_is_told_within_the_promise_and_only_then() -> None:
+def test_a_loss_is_found_within_the_timeout_and_only_then() -> None:
     liveness = PeerLiveness()
     assert not liveness.check(10**12, False)  # never heard: not dead either
     assert liveness.receive(0, TIMEOUT)
@@ -33,21 +33,21 @@ def test_silence_is_told_within_the_promise_and_only_then() -> None:
     assert liveness.deadline_ns > 80 * MS
     assert liveness.check(liveness.deadline_ns, False)
     assert (liveness.alive, liveness.losses) == (False, 1)
-    assert not liveness.check(10 * TIMEOUT, False)  # told once
+    assert not liveness.check(10 * TIMEOUT, False)  # found once
     assert liveness.receive(11 * TIMEOUT, TIMEOUT)
     assert not liveness.receive(11 * TIMEOUT + 1, TIMEOUT)
     assert liveness.check(20 * TIMEOUT, False)
     assert liveness.losses == 2
 
 
-def test_a_longer_promise_is_respected() -> None:
+def test_a_longer_timeout_is_respected() -> None:
     liveness = PeerLiveness()
     liveness.receive(0, 5 * TIMEOUT)
     assert not liveness.check(4 * TIMEOUT, False)
     assert liveness.check(5 * TIMEOUT, False)
 
 
-def test_a_watcher_that_stood_still_listens_before_it_judges() -> None:
+def test_a_watcher_that_stood_still_waits_before_it_decides() -> None:
     liveness = PeerLiveness()
     liveness.receive(0, TIMEOUT)
     assert not liveness.check(150 * MS, True)
@@ -109,7 +109,7 @@ class Bench:
         self.session.listeners["draco3/heartbeat/sim"](Sample(payload or good))
 
     def run(self, ms: int, step_ms: int = 10, beats: int = 0) -> None:
-        """Tend every ``step_ms``, with a beat from the peer every ``beats`` ms."""
+        """Poll every ``step_ms``, with a heartbeat from the peer every ``beats`` ms."""
         for at in range(0, ms, step_ms):
             if beats and at % beats == 0:
                 self.beat()
@@ -146,7 +146,7 @@ def test_beats_come_at_their_rate_between_the_steps_too(
     assert bench.sent[0][1].steps == 7
 
 
-def test_dead_and_alive_are_logged_once_each(bench: Bench, caplog: Any) -> None:
+def test_loss_and_return_are_logged_once_each(bench: Bench, caplog: Any) -> None:
     caplog.set_level(logging.WARNING)
     bench.run(500)
     assert bench.peer().silent == -1.0
@@ -165,7 +165,7 @@ def test_dead_and_alive_are_logged_once_each(bench: Bench, caplog: Any) -> None:
     assert second.startswith("sim is alive again after 0.7")
 
 
-def test_the_aide_wakes_to_notice_in_time(bench: Bench) -> None:
+def test_the_component_is_due_in_time_to_find_a_loss(bench: Bench) -> None:
     bench.run(100)
     bench.run(200, beats=40)
     last = bench.now
@@ -194,7 +194,7 @@ def test_a_name_that_is_no_key_does_not_end_the_loop(bench: Bench) -> None:
 
 
 def refusing(declare: Callable[..., object]) -> Callable[..., object]:
-    """As the transport does, take no key that is none."""
+    """Refuse keys that are none, as the transport does."""
 
     def checked(key: str, listener: Callable[[Any], None]) -> object:
         zenoh.KeyExpr(key)

@@ -1,4 +1,4 @@
-"""Replay of recordings that lack something: every lack is told, none is taken for a difference."""
+"""Replay of incomplete recordings: every gap is reported, none is taken for a difference."""
 
 from collections.abc import Sequence
 
@@ -17,9 +17,9 @@ from tests.common.runtime.replaying import (
     LINKS,
     jittery,
     lacking,
-    life_of,
     recorded,
     replay,
+    run_of,
     without_payloads,
 )
 from tests.common.runtime.toys import (
@@ -71,7 +71,7 @@ def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
     whole = without_payloads(messages)
     taken = [
         item.key[3]
-        for step in life_of(whole, "wbc").steps()
+        for step in run_of(whole, "wbc").steps()
         for item in step.inputs
         if item.key[0] == "plant/state"
     ]
@@ -85,10 +85,10 @@ def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
 
 def test_a_recording_that_began_later_is_refused(messages: list[Recorded]) -> None:
     later = lacking(messages, JOURNAL, lambda seq: seq < 3)
-    life = life_of(later, "wbc")
-    assert life.length == 0
+    run = run_of(later, "wbc")
+    assert run.length == 0
     with pytest.raises(TrillError, match="recording began at step 51 of wbc, in the middle"):
-        ReplayRunner(ToyController(), life, later)
+        ReplayRunner(ToyController(), run, later)
 
 
 def test_a_hole_in_the_journal_ends_the_replay(messages: list[Recorded]) -> None:
@@ -109,10 +109,10 @@ def test_what_a_journal_could_not_note_ends_the_replay() -> None:
     message = journal.fetch()
     assert message is not None
     assert message.lost == 6
-    life = ServiceRun("wbc", 1, 1)
-    life.add(message)
-    assert life.length == 0
-    assert "lacks messages taken in" in life.ends
+    run = ServiceRun("wbc", 1, 1)
+    run.add(message)
+    assert run.length == 0
+    assert "lacks messages taken in" in run.ends
 
 
 def test_a_second_life_is_replayed_by_itself() -> None:
@@ -121,7 +121,7 @@ def test_a_second_life_is_replayed_by_itself() -> None:
     runner.replace_service("wbc", ToyController())
     runner.run_for(1.0)
     messages = recorded(runner)
-    assert len([life for life in find_runs(messages) if life.service == "wbc"]) == 2
+    assert len([run for run in find_runs(messages) if run.service == "wbc"]) == 2
     first, second = (replay(ToyController(), messages, number) for number in (1, 2))
     assert first.identical
     assert second.identical
@@ -149,9 +149,9 @@ def test_a_failure_is_replayed_too() -> None:
             journal.end_step(step * 10_000_000 + 1)
     message = journal.fetch()
     assert message is not None
-    life = ServiceRun("wbc", 1, 1)
-    life.add(message)
-    report = ReplayRunner(Fragile(), life, []).run()
+    run = ServiceRun("wbc", 1, 1)
+    run.add(message)
+    report = ReplayRunner(Fragile(), run, []).run()
     assert report.stopped == ""
     assert "ValueError: broken on purpose" in report.failure
 
@@ -202,7 +202,7 @@ def test_an_array_off_by_nan_and_a_zeros_sign_are_found(messages: list[Recorded]
 
 def test_another_service_is_refused(messages: list[Recorded]) -> None:
     with pytest.raises(TrillError, match="expected a service named 'wbc', got 'sim'"):
-        ReplayRunner(ToyPlant(), life_of(messages, "wbc"), messages)
+        ReplayRunner(ToyPlant(), run_of(messages, "wbc"), messages)
 
 
 def test_a_service_has_no_settings_unless_it_says_so() -> None:

@@ -134,7 +134,7 @@ def test_headers_are_stamped_by_the_runner() -> None:
 
 def test_unread_messages_are_not_encoded_but_keep_their_numbers() -> None:
     class Spoiled(ToyPlant):
-        """Publishes what cannot be encoded until told otherwise."""
+        """Publishes a message that cannot be encoded, as long as ``bad`` is set."""
 
         bad = True
 

@@ -64,7 +64,7 @@ def test_a_heartbeat_tells_life_sooner_than_health() -> None:
     assert service.silent == pytest.approx(0.2)
     (service,) = board.view(round(10.5 * SECOND)).services
     assert not service.alive
-    # Another one's does not count for it; a longer promise does.
+    # Another one's does not count for it; a longer timeout does.
     board.note([sample(beat(life, "sim", timeout=0.1), at=10.45)])
     assert not board.view(round(10.5 * SECOND)).services[0].alive
     board.note([sample(beat(life, "wbc", timeout=1.0), at=10.45)])
