@@ -35,7 +35,7 @@ class Verdict:
 
 
 @dataclass(frozen=True)
-class Ended:
+class RunResult:
     """A finished run: where its files are and how it ended."""
 
     run_dir: Path
@@ -43,7 +43,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Running:
+class RunningSystem:
     """A running system.
 
     Attributes:
@@ -65,7 +65,7 @@ class Running:
 @contextlib.contextmanager
 def running_system(
     options: SystemOptions, base_port: int | None, operators: Sequence[ProcessSpec] = ()
-) -> Iterator[Running]:
+) -> Iterator[RunningSystem]:
     """Start the robot's side and ``operators``; leaving the context, by whatever way, ends all.
 
     Ctrl-C (and SIGTERM, SIGHUP) inside the context leaves it quietly: execution goes on after it.
@@ -85,4 +85,4 @@ def running_system(
         )
         bus = known.model_copy(update={"base_port": port})
         with contextlib.suppress(KeyboardInterrupt), terminated_as_interrupted(), supervisor:
-            yield Running(supervisor, bus, run_dir)
+            yield RunningSystem(supervisor, bus, run_dir)

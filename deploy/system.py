@@ -29,7 +29,8 @@ class SystemOptions:
     """What the person who starts the system chose.
 
     Attributes:
-        mode: torque limits, ``relaxed`` (as the public TRILL simulation) or ``rated`` (the URDF's).
+        torque_mode: torque limits, ``relaxed`` (as the public TRILL simulation) or ``rated`` (the
+            URDF's).
         cameras: whether the robot sees.
         record: whether everything is logged.
         config: TOML file for the whole stack, or None.
@@ -39,7 +40,7 @@ class SystemOptions:
         seed: of sensor noise and the task's start.
     """
 
-    mode: str = "relaxed"
+    torque_mode: str = "relaxed"
     cameras: bool = True
     record: bool = True
     config: Path | None = None
@@ -51,7 +52,7 @@ class SystemOptions:
 
 def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
     """The robot's side: router, logger, plant, cameras, controller."""
-    limits = ("--torque-mode", options.mode)
+    limits = ("--torque-mode", options.torque_mode)
     plant: tuple[str, ...] = (*limits, "--seed", str(options.seed))
     if options.task is not None:
         plant = (*plant, "--task", options.task)
@@ -81,7 +82,15 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             essential=False,
             stop_order=_THEN,
         ),
-        ProcessSpec("wbc", "services.wbc", limits, options.restart, stop_order=_THEN),
+        ProcessSpec(
+            "wbc",
+            "services.wbc",
+            limits,
+            options.restart,
+            # Without commands the plant holds the robot, and lets it go limp after 5 s.
+            spare=True,
+            stop_order=_THEN,
+        ),
     ]
 
 

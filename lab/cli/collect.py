@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from common.errors import ConfigError
 from deploy.extras import require
 from lab.cli.collected import check_files, reindex, show_info
-from lab.cli.commands import Command
+from lab.cli.commands import Action
 
 if TYPE_CHECKING:
     from lab.demonstrations.collect.executors import Executor
@@ -251,11 +251,4 @@ def _collect(arguments: argparse.Namespace) -> int:
     return 0 if standing.complete else 1
 
 
-COMMAND = Command(
-    "collect",
-    "demonstrations of a task by the hundred",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

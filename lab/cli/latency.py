@@ -12,7 +12,7 @@ from common.links.config import checked_spec
 from common.links.names import LinkName, alias_help, parse_name
 from common.links.spec import PRESETS, LinkSpec
 from common.transport.config import BusConfig, bus_of, split_list
-from lab.cli.commands import Command, run_chosen
+from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.errors import LabError
 
 SESSION = "latency"
@@ -57,27 +57,12 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill latency``."""
-    actions = parser.add_subparsers(required=True, metavar="action")
-    for command in ACTIONS:
-        command.under(actions, "latency")
+    add_commands(parser, COMMANDS, "latency", "action")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do what the subcommand says; exit code 0, or 1 if nobody answered or was concerned."""
     return run_chosen(arguments, "latency")
-
-
-def add_latency_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--latency`` to a command that starts a system."""
-    parser.add_argument(
-        "--latency",
-        action="append",
-        default=[],
-        metavar="NAME=SPEC",
-        help="inject a delay, e.g. command=250ms or 'camera=normal(122ms, 190ms) loss=1%%', or "
-        "those of a TOML file's table [links]; may be given several times; see trill latency "
-        "--help. A task's own link holds unless links are given; 'none' switches it off",
-    )
 
 
 def _set_options(parser: argparse.ArgumentParser) -> None:
@@ -230,38 +215,31 @@ def _complain(errors: tuple[str, ...]) -> int:
 
 
 _HOW = f"{_NAMES}\n\n{_SPECS}"
-ACTIONS = (
-    Command("show", "what is injected now", "Every input of every service.", "", _reach, _show),
+COMMANDS = (
+    Command(
+        "show",
+        "what is injected now",
+        Action("Every input of every service.", "", _reach, _show),
+    ),
     Command(
         "set",
         "put a delay on links",
-        "Put a delay on links of a running system.",
-        _HOW,
-        _set_options,
-        _set,
+        Action("Put a delay on links of a running system.", _HOW, _set_options, _set),
     ),
     Command(
         "clear",
         "take delays away",
-        "Take away a delay, or all of them.",
-        "",
-        _clear_options,
-        _clear,
+        Action("Take away a delay, or all of them.", "", _clear_options, _clear),
     ),
     Command(
         "explain",
         "what a delay will do",
-        "Compute, without any system, what a specification will do to messages at a rate.",
-        _HOW,
-        _explain_options,
-        _explain,
+        Action(
+            "Compute, without any system, what a specification will do to messages at a rate.",
+            _HOW,
+            _explain_options,
+            _explain,
+        ),
     ),
 )
-COMMAND = Command(
-    "latency",
-    "inject latency, jitter and loss",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -3,13 +3,15 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import SystemOptions
-from lab.cli import latency
-from lab.cli.commands import Command
+from lab.cli.commands import Action
+
+if TYPE_CHECKING:
+    from deploy.launch import RunResult
 
 DEMO = """Start the whole system (plant, cameras, whole-body controller, scripted operator, logger),
 each a process of its own that talks to the others over Zenoh only, and watch it in a live table
@@ -26,7 +28,7 @@ script failed, the time ran out."""
 DEMO_EXAMPLES = """examples:
   trill demo                          about a minute and a half, then pictures
   trill demo --no-video               without the video, which takes about as long as the run
-  trill demo --mode rated             with the torque limits of the real motors
+  trill demo --torque-mode rated      with the torque limits of the real motors
   trill demo --script random          or stand, gaits, or a JSON file of your own
   trill demo --seconds 20             a short look
   trill demo --task door/unlock --seed 7                a scored task, see: trill tasks
@@ -62,7 +64,7 @@ def bus_options(parser: argparse.ArgumentParser, port: str) -> None:
 
 def _system(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--mode",
+        "--torque-mode",
         choices=["relaxed", "rated"],
         default="relaxed",
         help="torque limits of plant and controller: relaxed (legs +200 N·m, as the public TRILL "
@@ -77,7 +79,15 @@ def _system(parser: argparse.ArgumentParser) -> None:
         help="of noise, the task's start and the synthetic operator (0)",
     )
     bus_options(parser, "first port of the system (standard: a free block is found)")
-    latency.add_latency_option(parser)
+    parser.add_argument(
+        "--latency",
+        action="append",
+        default=[],
+        metavar="NAME=SPEC",
+        help="inject a delay, e.g. command=250ms or 'camera=normal(122ms, 190ms) loss=1%%', or "
+        "those of a TOML file's table [links]; may be given several times; see trill latency "
+        "--help. A task's own link holds unless links are given; 'none' switches it off",
+    )
 
 
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -102,7 +112,7 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
 
     own = {} if arguments.task is None else _links_of(arguments.task)
     return SystemOptions(
-        mode=arguments.mode,
+        torque_mode=arguments.torque_mode,
         cameras=not arguments.no_cameras,
         record=not getattr(arguments, "no_record", False),
         config=arguments.config,
@@ -174,14 +184,16 @@ def _up(arguments: argparse.Namespace) -> int:
     return _finish(ended, arguments, pictures=False, video=False)
 
 
-def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, video: bool) -> int:
+def _finish(
+    ended: "RunResult", arguments: argparse.Namespace, *, pictures: bool, video: bool
+) -> int:
     """Sum up a run; exit code 0 only if it was completed."""
     from lab.review.report import finish
 
     if ended.verdict.outcome != "completed":
         # Said at once: if there is no log to read, this is why.
         print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
-    settings = {"mode": arguments.mode, "config": str(arguments.config or "")}
+    settings = {"torque_mode": arguments.torque_mode, "config": str(arguments.config or "")}
     summary = finish(ended, settings, pictures=pictures, video=video)
     if summary.outcome == "completed":
         return 0
@@ -189,17 +201,6 @@ def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, vide
     return 1
 
 
-COMMANDS = (
-    Command(
-        "demo",
-        "the whole system by a script, or at a task",
-        DEMO,
-        DEMO_EXAMPLES,
-        _demo_arguments,
-        _demo,
-    ),
-    Command(
-        "drive", "the whole system on your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive
-    ),
-    Command("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
-)
+DEMO_ACTION = Action(DEMO, DEMO_EXAMPLES, _demo_arguments, _demo)
+DRIVE_ACTION = Action(DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive)
+UP_ACTION = Action(UP, UP_EXAMPLES, _up_arguments, _up)

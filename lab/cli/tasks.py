@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from common.errors import ConfigError
-from lab.cli.commands import Command
+from lab.cli.commands import Action
 from lab.errors import LabError
 
 TEXT = """Show the scored tasks: what is to be done, in what time, and when it is a success. With
@@ -55,4 +55,4 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command("tasks", "the scored tasks", TEXT, EXAMPLES, add_arguments, run)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from deploy.launch import Ended, Running, Verdict, running_system
+from deploy.launch import RunningSystem, RunResult, Verdict, running_system
 from deploy.process import Exit
 from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
 from lab.live.task_judge import TaskJudge
@@ -101,7 +101,7 @@ class Judge:
         return f"at step {at.step} of {at.steps} of the script: {at.label or 'its beginning'}"
 
 
-def run_demo(options: DemoOptions) -> Ended:
+def run_demo(options: DemoOptions) -> RunResult:
     """Start everything, watch until the verdict, stop everything.
 
     Raises:
@@ -119,7 +119,7 @@ def run_demo(options: DemoOptions) -> Ended:
     verdict = Verdict("interrupted", "stopped from outside")
     with running_system(options.system, options.base_port, [operator]) as running:
         verdict = _watch(running, judge, live=options.live)
-    return Ended(running.run_dir, verdict)
+    return RunResult(running.run_dir, verdict)
 
 
 def _judge(options: DemoOptions) -> Judge | TaskJudge:
@@ -128,7 +128,7 @@ def _judge(options: DemoOptions) -> Judge | TaskJudge:
     return kind(OPERATOR, options.seconds, options.timeout)
 
 
-def _watch(running: Running, judge: Judge | TaskJudge, *, live: bool | None) -> Verdict:
+def _watch(running: RunningSystem, judge: Judge | TaskJudge, *, live: bool | None) -> Verdict:
     """Show the live table until there is a verdict."""
     supervisor = running.supervisor
     started = time.monotonic()

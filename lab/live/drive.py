@@ -3,7 +3,7 @@
 import time
 from collections.abc import Sequence
 
-from deploy.launch import Ended, Verdict, running_system
+from deploy.launch import RunResult, Verdict, running_system
 from deploy.process import Exit
 from deploy.supervisor import Supervisor
 from deploy.system import SystemOptions, keyboard_operator, terminal
@@ -12,7 +12,7 @@ from lab.live.new_trials import TrialBeginner
 from lab.monitor.monitor import TICK, Screen, Watch
 
 
-def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:
+def run_drive(options: SystemOptions, base_port: int | None = None) -> RunResult:
     """Run the robot with the keyboard operator in this terminal until the person leaves.
 
     Raises:
@@ -31,10 +31,10 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:
                 verdict = _verdict(last)
                 break
             time.sleep(TICK)
-    return Ended(running.run_dir, verdict)
+    return RunResult(running.run_dir, verdict)
 
 
-def run_up(options: SystemOptions, base_port: int | None = None) -> Ended:
+def run_up(options: SystemOptions, base_port: int | None = None) -> RunResult:
     """Run the robot's side with the live table until Ctrl-C; operators come and go by themselves.
 
     With a task, an operator that comes begins a new trial.
@@ -62,7 +62,7 @@ def run_up(options: SystemOptions, base_port: int | None = None) -> Ended:
                     verdict = _verdict(last)
                     break
                 time.sleep(TICK)
-    return Ended(running.run_dir, verdict)
+    return RunResult(running.run_dir, verdict)
 
 
 def _verdict(last: Exit) -> Verdict:

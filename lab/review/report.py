@@ -10,7 +10,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 from common.errors import TrillError
 from common.files import write_whole
 from common.transport.keys import topic_of
-from deploy.launch import Ended, Verdict
+from deploy.launch import RunResult, Verdict
 from deploy.system import LOG_FILE, versions
 from lab.errors import LabError
 from lab.review.film import Film, gather
@@ -27,7 +27,9 @@ SHEET_FILE = "contact_sheet.png"
 VIDEO_FILE = "video.mp4"
 
 
-def finish(ended: Ended, settings: dict[str, str], *, pictures: bool, video: bool) -> RunSummary:
+def finish(
+    ended: RunResult, settings: dict[str, str], *, pictures: bool, video: bool
+) -> RunSummary:
     """Sum up a finished run, print the report, draw the pictures.
 
     Raises:
