@@ -20,7 +20,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from benchmarks.builds import Build, own_and
-from benchmarks.restarts import Restart, restarts
+from benchmarks.restarts import SETTLE_S, Restart, restarts
 from common.schemas import GuardMode
 
 MODULES = (
@@ -60,12 +60,14 @@ def _add(times: Times, name: str, build: Build, seconds: float, number: int) -> 
         times[name][build.name].append(seconds)
 
 
-def measure_restarts(builds: list[Build], sessions: int, folder: Path) -> dict[str, list[Restart]]:
+def measure_restarts(
+    builds: list[Build], sessions: int, folder: Path, settle: float
+) -> dict[str, list[Restart]]:
     """Kill each build's controller :data:`KILLS` times a session, the builds in turn."""
     results: dict[str, list[Restart]] = {build.name: [] for build in builds}
     for number in range(sessions):
         for build in builds:
-            results[build.name] += restarts(build, KILLS, folder)
+            results[build.name] += restarts(build, KILLS, folder, settle)
             print(f"restarts: session {number + 1}/{sessions}", end="\r", file=sys.stderr)
     return results
 
@@ -101,6 +103,13 @@ def main() -> int:
     parser.add_argument(
         "--sessions", type=int, default=2, help=f"systems started, {KILLS} kills each (2)"
     )
+    parser.add_argument(
+        "--settle",
+        type=float,
+        default=SETTLE_S,
+        help=f"a controller runs this long before it is killed [s] ({SETTLE_S:g}); with less than "
+        "about 5 its spare is not ready",
+    )
     parser.add_argument("--against", type=Path, metavar="DIR", help="source tree to compare with")
     arguments = parser.parse_args()
     builds = own_and(arguments.against)
@@ -109,7 +118,7 @@ def main() -> int:
         if arguments.rounds:
             print_starts(measure_starts(builds, arguments.rounds, folder), builds)
         if arguments.sessions:
-            print_restarts(measure_restarts(builds, arguments.sessions, folder))
+            print_restarts(measure_restarts(builds, arguments.sessions, folder, arguments.settle))
     return 0
 
 

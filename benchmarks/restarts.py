@@ -24,7 +24,7 @@ CONTROLLER = "services.wbc"
 PATIENCE_S = 60.0
 """The system must be up, and a killed controller back, within this time [s]."""
 SETTLE_S = 8.0
-"""The controller runs undisturbed for this long before it is killed [s]."""
+"""The controller runs undisturbed for this long before it is killed, as a rule [s]."""
 
 
 class Restart(NamedTuple):
@@ -92,13 +92,14 @@ class Observer:
             return frozenset(mode for at, mode in self._guards if begin_ns <= at <= end_ns)
 
 
-def restarts(build: Build, kills: int, folder: Path) -> list[Restart]:
+def restarts(build: Build, kills: int, folder: Path, settle: float = SETTLE_S) -> list[Restart]:
     """Start a system of ``build`` and kill its controller ``kills`` times.
 
     Args:
         build: whose system.
         kills: how often; a supervisor restarts a service three times at most.
         folder: working directory of the system.
+        settle: how long a controller runs undisturbed before it is killed [s].
 
     Raises:
         TimeoutError: a controller did not come up, or not come back.
@@ -109,7 +110,7 @@ def restarts(build: Build, kills: int, folder: Path) -> list[Restart]:
         try:
             for count in range(1, kills + 1):
                 observer.wait_for_controllers(count)
-                time.sleep(SETTLE_S)
+                time.sleep(settle)
                 killed_ns = time.monotonic_ns()
                 os.kill(_controller_of(supervisor), signal.SIGKILL)
                 back_ns = observer.wait_for_controllers(count + 1)

@@ -1,4 +1,4 @@
-"""Delays as a person gives them: checked, foretold, and handed to the services of a system."""
+"""Check the options of ``--latency``, warn of misleading specifications, build ``TRILL_LINKS``."""
 
 import os
 import sys
@@ -16,7 +16,7 @@ from common.topics import ALL_TOPICS, WBC_COMMAND, Topic
 from common.transport.config import read_config_file
 
 NO_LINK = "none"
-"""For ``--latency``: not even the task's own link."""
+"""Value of ``--latency`` that switches off even the task's own link."""
 _ARRIVALS = 16_000
 _GUARD = (
     f"{WBC_COMMAND.name} moves the robot: the plant's guard holds it when a joint command is "
@@ -41,34 +41,34 @@ def links_text(options: Sequence[str]) -> str:
 
 
 def variable_with(text: str, environment: Mapping[str, str] | None = None) -> str:
-    """``TRILL_LINKS`` with ``text`` as a further source, which wins over what is there."""
+    """Return ``TRILL_LINKS`` with ``text`` added as a source that wins over the earlier ones."""
     there = (os.environ if environment is None else environment).get("TRILL_LINKS", "")
     return f"{there}{LAYERS}{text}" if there.strip() else text
 
 
 def warnings(links: Mapping[str, LinkSpec | None]) -> list[str]:
-    """What a person should know before these links are used; the rates are the topics' own."""
-    said = []
+    """Return warnings about links that will not do what they say, at the rates of their topics."""
+    found = []
     for text, spec in links.items():
         name = parse_name(text, also=[text.rpartition(":")[0]])
         if spec is None:
             continue
         covered = topics_of(name)
         if WBC_COMMAND in covered and spec != LinkSpec():
-            said.append(f"{text}: {_GUARD}")
-        told = [
+            found.append(f"{text}: {_GUARD}")
+        predictions = [
             predict(spec, rate, _ARRIVALS if spec.correlation else 0)
             for rate in sorted({topic.rate for topic in covered if topic.rate})
         ]
-        if told:
-            worst = max(told, key=lambda prediction: prediction.moved)
+        if predictions:
+            worst = max(predictions, key=lambda prediction: prediction.moved)
             if warning := advice(worst):
-                said.append(f"{text}: {warning}")
-    return said
+                found.append(f"{text}: {warning}")
+    return found
 
 
 def chosen_links(options: list[str]) -> str:
-    """Check ``--latency`` options, warn of what will not be as it says, return ``TRILL_LINKS``.
+    """Check ``--latency`` options, print warnings and return ``TRILL_LINKS``.
 
     Raises:
         ConfigError: an option is wrong.
@@ -82,12 +82,12 @@ def chosen_links(options: list[str]) -> str:
 
 
 def system_links(options: list[str], own: Mapping[str, str], config: Path | None) -> str:
-    """``TRILL_LINKS`` for a system with a task, of whose own link is said what becomes of it.
+    """Return ``TRILL_LINKS`` for a system, and print whether the task's own link is used.
 
     Args:
-        options: those of ``--latency``.
-        own: links of the task itself; they hold unless others are given: here, in the variable
-            or in the file.
+        options: values of ``--latency``.
+        own: links of the task itself; they hold unless others are given, in ``options``, in the
+            variable or in the file.
         config: TOML file for the whole stack; None: that of ``TRILL_CONFIG``, if any.
 
     Raises:
@@ -108,7 +108,7 @@ def system_links(options: list[str], own: Mapping[str, str], config: Path | None
 
 
 def links_given(config: Path | None, environment: Mapping[str, str] | None = None) -> bool:
-    """Whether ``TRILL_LINKS`` or the file for the whole stack has links.
+    """Return whether ``TRILL_LINKS`` or the file for the whole stack has links.
 
     Raises:
         ConfigError: the file cannot be read.
@@ -121,7 +121,7 @@ def links_given(config: Path | None, environment: Mapping[str, str] | None = Non
 
 
 def topics_of(name: LinkName) -> list[Topic[Any]]:
-    """Topics that a name may delay for one service or another."""
+    """Return the topics that a name delays for at least one service."""
     services: Iterable[str] = [name.service] if name.service else PORT_OFFSETS
     services = list(services)
     return [t for t in ALL_TOPICS if any(name.covers(service, t.name) for service in services)]
@@ -144,7 +144,7 @@ def _of_file(path: Path) -> dict[str, Any]:
 
 
 def _text(name: str, value: Any) -> str:
-    """A checked specification as text."""
+    """Check a specification and return it as text."""
     spec = checked_spec(name, value)
     text = value if isinstance(value, str) else str(spec)
     if ";" in text:

@@ -1,4 +1,4 @@
-"""A running system as a context: run directory, ports, processes; gone when it is left."""
+"""Run a system inside a context: its run directory, ports and processes."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -23,12 +23,12 @@ Outcome = Literal[
     "interrupted",
     "unknown",
 ]
-"""How a run ended; unknown where only the log is left to tell."""
+"""How a run ended; unknown if only its log is left."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Why a run ended."""
+    """How and why a run ended."""
 
     outcome: Outcome
     reason: str = ""
@@ -36,7 +36,7 @@ class Verdict:
 
 @dataclass(frozen=True)
 class RunResult:
-    """A finished run: where its files are and how it ended."""
+    """A finished run: the directory of its files, and its verdict."""
 
     run_dir: Path
     verdict: Verdict
@@ -44,12 +44,12 @@ class RunResult:
 
 @dataclass(frozen=True)
 class RunningSystem:
-    """A running system.
+    """Processes and bus of a running system.
 
     Attributes:
         supervisor: its processes.
-        bus: how to reach its bus.
-        run_dir: where it leaves its files.
+        bus: configuration with which to join its bus.
+        run_dir: directory of its files.
     """
 
     supervisor: Supervisor
@@ -58,7 +58,7 @@ class RunningSystem:
 
     @property
     def title(self) -> str:
-        """What and where, for the head of a table."""
+        """Run directory and base port, for the head of a table."""
         return f"{self.run_dir}  base port {self.bus.base_port}"
 
 
@@ -66,9 +66,10 @@ class RunningSystem:
 def running_system(
     options: SystemOptions, base_port: int | None, operators: Sequence[ProcessSpec] = ()
 ) -> Iterator[RunningSystem]:
-    """Start the robot's side and ``operators``; leaving the context, by whatever way, ends all.
+    """Start the robot's side and ``operators``; leaving the context ends all of them.
 
-    Ctrl-C (and SIGTERM, SIGHUP) inside the context leaves it quietly: execution goes on after it.
+    Ctrl-C, SIGTERM and SIGHUP inside the context leave it without an exception: execution goes on
+    after it.
 
     Raises:
         DeployError: the system cannot be started.
@@ -76,7 +77,7 @@ def running_system(
     """
     known = bus_of(base_port, options.config)
     with reserve_base_port(known.host, base_port) as port:
-        # Not before, so that a wrong option leaves no empty directory.
+        # Made last, so that a wrong option leaves no empty directory.
         run_dir = new_run_dir()
         supervisor = Supervisor(
             [*robot_processes(options, run_dir), *operators],

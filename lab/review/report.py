@@ -11,7 +11,7 @@ from common.errors import TrillError
 from common.files import write_whole
 from common.transport.keys import topic_of
 from deploy.launch import RunResult, Verdict
-from deploy.system import LOG_FILE, versions
+from deploy.system import LOG_FILE
 from lab.errors import LabError
 from lab.review.film import Film, gather
 from lab.review.run_summary import RunSummary, ServiceTiming
@@ -19,6 +19,7 @@ from lab.review.scoring import commanded_motions
 from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
 from lab.review.task_summary import trial_lines
+from lab.trials.provenance import environment
 from services.logger.read.reader import LogReader
 from services.wbc.config import GaitConfig
 
@@ -69,7 +70,7 @@ def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> 
         about_log=lambda: _findings(reader),
         outcome=verdict.outcome,
         reason=verdict.reason,
-        environment={**versions(), **settings},
+        environment={**environment(), **settings},
     )
     path = run_dir / SUMMARY_FILE
     try:
