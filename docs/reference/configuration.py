@@ -150,7 +150,8 @@ def covered() -> set[Model]:
     """Every model that has a section on the page."""
     shown: set[Model] = set()
     models: list[Model] = [model for entry in TABLES for model in entry.models]
-    for model in (*models, Script):
+    models.append(Script)
+    for model in models:
         _sections(model, {}, shown)
     return shown
 
