@@ -25,27 +25,27 @@ test: $(STAMP) ## unit and integration tests, a few minutes
 	$(BIN)/python -m pytest $(ARGS)
 
 suite: $(STAMP) ## every promise about standing, walking and reaching, ten minutes
-	$(BIN)/python -m studies.walking $(ARGS)
+	$(BIN)/python -m verification.walking $(ARGS)
 
 study: $(STAMP) ## the latency study with the synthetic operator, resumable; hours on two cores
 	$(BIN)/trill study latency $(ARGS)
 
 tasks: $(STAMP) ## 25 seeds of each scored task by the synthetic operator, under an hour on two cores
-	$(BIN)/python -m studies.tasks run all --seeds 0:25 --jobs 2 --out runs/studies/tasks.jsonl $(ARGS)
+	$(BIN)/python -m lab.studies.tasks run all --seeds 0:25 --jobs 2 --out runs/studies/tasks.jsonl $(ARGS)
 
 links: $(STAMP) ## injected delays, asked for against achieved, live and in simulated time
-	$(BIN)/python -m studies.links $(ARGS)
+	$(BIN)/python -m verification.links $(ARGS)
 
 faults: $(STAMP) ## killed recorders, bad readers, cut networks, skewed clocks; a quarter of an hour
 	@for study in kill_recorder slow_subscriber logger_on_robot dead_peer network_cut clock_skew; do \
-		echo "== $$study"; $(BIN)/python -m studies.faults.$$study || failed="$$failed $$study"; done; \
+		echo "== $$study"; $(BIN)/python -m verification.faults.$$study || failed="$$failed $$study"; done; \
 	test -z "$$failed" || { echo "failed:$$failed"; exit 1; }
 
 fuzz: $(STAMP) ## 100,000 damaged payloads at every decoder
-	$(BIN)/python -m studies.fuzz $(ARGS)
+	$(BIN)/python -m verification.fuzz $(ARGS)
 
 loaders: $(STAMP) ## robomimic and lerobot load exported demonstrations, each in a venv of its own
-	$(BIN)/python -m studies.datasets.acceptance $(ARGS)
+	$(BIN)/python -m verification.loaders $(ARGS)
 
 bench: $(STAMP) ## measure the figures the README quotes
 	@set -e; for file in benchmarks/bench_*.py; do \

@@ -25,19 +25,19 @@ from typing import Any
 
 import numpy as np
 
-from common.bus.codec import decode, encode
-from common.bus.config import BusConfig
-from common.bus.delay import DelayLine
-from common.bus.inbox import Inbox
-from common.bus.linkspec import LinkSpec
-from common.bus.publisher import Publisher
-from common.bus.session import open_session
-from common.bus.subscriptions import subscribe
-from common.runtime.realtime import enter_realtime
+from common.inbox.inbox import Inbox
+from common.inbox.subscriptions import subscribe
+from common.links.delay import DelayLine
+from common.links.spec import LinkSpec
+from common.runtime.live.realtime import enter_realtime
 from common.runtime.service import Inputs, Output, Service
-from common.runtime.simtime import SimTimeRunner
+from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import CameraFrame, Header, JointCommand, Message, PlantState
 from common.topics import CAMERA_LEFT, PLANT_STATE, PLANT_TRUTH, WBC_COMMAND, Topic
+from common.transport.config import BusConfig
+from common.transport.publisher import Publisher
+from common.transport.session import open_session
+from common.wire.codec import decode, encode
 
 ROBOT = "bench"
 TIMEOUT_S = 20.0

@@ -27,15 +27,16 @@ from typing import Any
 import numpy as np
 from mcap.writer import Writer
 
-from common.bus.codec import encode, schema_tag
-from common.bus.tap import RawSample
 from common.schemas import Header, Message
 from common.topics import EPISODE
+from common.transport.tap import RawSample
+from common.wire.codec import encode, schema_tag
 from deploy.ports import reserve_base_port
-from services.logger.config import LoggerConfig
-from services.logger.recorder import Recorder
-from services.logger.sink import COMPRESSION, McapSink
-from studies.faults.robot_load import RATES, make_messages
+from services.logger.log_format import COMPRESSION
+from services.logger.record.config import LoggerConfig
+from services.logger.record.recorder import Recorder
+from services.logger.record.sink import McapSink
+from verification.faults.robot_load import RATES, make_messages
 
 BLOCK_S = 0.25
 """Length of a block in robot time, and of a chunk [s]."""
@@ -152,7 +153,12 @@ def live_share(pictures: str, seconds: float) -> dict[str, float]:
         out, journal = Path(place) / "out", Path(place) / "journal"
         bus = ["--base-port", str(port)]
         load = _start(
-            "studies.faults.robot_load", *bus, "--pictures", pictures, "--journal", str(journal)
+            "verification.faults.robot_load",
+            *bus,
+            "--pictures",
+            pictures,
+            "--journal",
+            str(journal),
         )
         recorder = _start("services.logger", *bus, "--out", str(out))
         try:

@@ -15,7 +15,7 @@ import numpy as np
 
 from common.schemas import Gait, PlantState
 from services.wbc.controller import Command, Controller, TickReport
-from studies.walking.stack import Scenario, Stack
+from verification.walking.stack import Scenario, Stack
 
 STAGES = ("model", "tasks", "build", "solve")
 SOLVERS: tuple[Literal["osqp", "daqp", "quadprog"], ...] = ("osqp", "daqp", "quadprog")

@@ -6,13 +6,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from common.bus.config import PORT_OFFSETS, read_config_file
-from common.bus.linknames import LinkName, parse_name
-from common.bus.links import LAYERS, Links, checked_spec, parse_link_options
-from common.bus.linkspec import LinkSpec
-from common.bus.predict import advice, predict
 from common.errors import ConfigError
+from common.links.config import LAYERS, Links, checked_spec, parse_link_options
+from common.links.names import LinkName, parse_name
+from common.links.predict import advice, predict
+from common.links.spec import LinkSpec
+from common.ports import PORT_OFFSETS
 from common.topics import ALL_TOPICS, WBC_COMMAND, Topic
+from common.transport.config import read_config_file
 
 NO_LINK = "none"
 """For ``--latency``: not even the task's own link."""

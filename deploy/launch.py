@@ -4,13 +4,26 @@ import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
-from common.bus.config import BusConfig
+from common.transport.config import BusConfig, bus_of
 from deploy.ports import reserve_base_port
 from deploy.process import ProcessSpec, terminated_as_interrupted
-from deploy.review.run_summary import Outcome
 from deploy.supervisor import Supervisor
-from deploy.system import SystemOptions, bus_of, environment, new_run_dir, robot_processes
+from deploy.system import SystemOptions, environment, new_run_dir, robot_processes
+
+Outcome = Literal[
+    "completed",
+    "fell",
+    "script failed",
+    "partial success",
+    "task failed",
+    "service died",
+    "timed out",
+    "interrupted",
+    "unknown",
+]
+"""How a run ended; unknown where only the log is left to tell."""
 
 
 @dataclass(frozen=True)

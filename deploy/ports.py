@@ -4,7 +4,7 @@ import contextlib
 import socket
 from collections.abc import Iterator
 
-from common.bus.config import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
+from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
 from deploy.errors import DeployError
 
 STRIDE = 16

@@ -29,7 +29,7 @@ class ProcessSpec:
         args: command-line arguments.
         restart: whether it is started again after it failed (at most ``max_restarts`` times).
         wanted: whether to start it at all.
-        stop_wave: processes of a lower wave are stopped before those of a higher one.
+        stop_order: processes of a lower wave are stopped before those of a higher one.
         foreground: owns the terminal (input, output, Ctrl-C) instead of a log file.
         may_finish: ending with exit code 0 is success, not a death.
         essential: the system is of no use without it.
@@ -41,7 +41,7 @@ class ProcessSpec:
     restart: Restart = Restart.NEVER
     max_restarts: int = 3
     wanted: bool = True
-    stop_wave: int = 0
+    stop_order: int = 0
     foreground: bool = False
     may_finish: bool = False
     essential: bool = True

@@ -1,6 +1,6 @@
 """``python -m deploy.router``: the way in for everything that is not on the control path.
 
-The services of the port table (:mod:`common.bus.config`) exchange messages directly, as peers.
+The services of the port table (:mod:`common.ports`) exchange messages directly, as peers.
 Loggers, viewers, headsets and GPU hosts come as clients of this router instead: a peer then sends
 each message to the router once, however many clients want it, and a client that stands still or
 sits behind a bad network fills the router's queue and nobody else's. The router connects to the
@@ -16,11 +16,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from common.bus.config import DEFAULT_BASE_PORT, ROUTER_OFFSET, BusConfig, split_list
-from common.bus.session import open_session
 from common.errors import ConfigError, TrillError
-from common.runtime.stopping import StopSignals
-from deploy.system import bus_of
+from common.ports import DEFAULT_BASE_PORT, ROUTER_OFFSET
+from common.runtime.live.stopping import StopSignals
+from common.transport.config import BusConfig, bus_of, split_list
+from common.transport.session import open_session
 
 NAME = "router"
 LOOK_PERIOD = 0.2

@@ -30,7 +30,7 @@ class _Child:
 
 
 @dataclass(frozen=True)
-class Ladder:
+class SignalEscalation:
     """How long each signal gets before the next, harsher one [s]."""
 
     interrupt: float = 5.0
@@ -54,7 +54,7 @@ class Supervisor:
     specs: Sequence[ProcessSpec]
     log_dir: Path
     environment: Mapping[str, str] = field(default_factory=dict)
-    ladder: Ladder = Ladder()
+    ladder: SignalEscalation = SignalEscalation()
     _children: dict[str, _Child] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -139,13 +139,13 @@ class Supervisor:
 
         A further Ctrl-C meanwhile skips to the next rung.
         """
-        waves = sorted({child.spec.stop_wave for child in self._children.values()})
+        waves = sorted({child.spec.stop_order for child in self._children.values()})
         for wave in waves:
             self._stop_together(
                 [
                     child
                     for child in self._children.values()
-                    if child.spec.stop_wave == wave and child.exit is None
+                    if child.spec.stop_order == wave and child.exit is None
                 ]
             )
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from common.bus.config import BusConfig, bus_config, read_config_file
 from deploy.errors import DeployError
 from deploy.process import ProcessSpec, Restart
 
@@ -63,7 +62,7 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             restart=options.restart,
             # The robot walks without; only whoever watches or drives from afar needs it.
             essential=False,
-            stop_wave=_LAST,
+            stop_order=_LAST,
         ),
         ProcessSpec(
             "logger",
@@ -71,18 +70,18 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             ("--out", str(run_dir)),
             options.restart,
             wanted=options.record,
-            stop_wave=_LAST,
+            stop_order=_LAST,
         ),
-        ProcessSpec("sim", "services.sim", plant, options.restart, stop_wave=_FIRST),
+        ProcessSpec("sim", "services.sim", plant, options.restart, stop_order=_FIRST),
         ProcessSpec(
             "cameras",
-            "services.sim.cameras",
+            "services.sim.rendering.cameras",
             restart=options.restart,
             wanted=options.cameras,
             essential=False,
-            stop_wave=_THEN,
+            stop_order=_THEN,
         ),
-        ProcessSpec("wbc", "services.wbc", limits, options.restart, stop_wave=_THEN),
+        ProcessSpec("wbc", "services.wbc", limits, options.restart, stop_order=_THEN),
     ]
 
 
@@ -93,7 +92,7 @@ def scripted_operator(script: str) -> ProcessSpec:
         "services.teleop",
         ("scripted", "--script", script),
         may_finish=True,
-        stop_wave=_FIRST,
+        stop_order=_FIRST,
     )
 
 
@@ -104,7 +103,7 @@ def synthetic_operator(task: str, seed: int) -> ProcessSpec:
         "services.teleop",
         ("synthetic", "--task", task, "--seed", str(seed), "--stay"),
         may_finish=True,
-        stop_wave=_FIRST,
+        stop_order=_FIRST,
     )
 
 
@@ -116,7 +115,7 @@ def keyboard_operator() -> ProcessSpec:
         ("keyboard",),
         foreground=True,
         may_finish=True,
-        stop_wave=_FIRST,
+        stop_order=_FIRST,
     )
 
 
@@ -128,22 +127,6 @@ def environment(base_port: int, config: Path | None, links: str = "") -> dict[st
     if config is not None:
         variables["TRILL_CONFIG"] = str(config.resolve())
     return variables
-
-
-def bus_of(
-    base_port: int | None,
-    config: Path | None,
-    robot: str | None = None,
-    host: str | None = None,
-) -> BusConfig:
-    """The bus as the services of such a system see it.
-
-    Raises:
-        ConfigError: the file or an environment variable is wrong.
-    """
-    chosen = config or (Path(text) if (text := os.environ.get("TRILL_CONFIG")) else None)
-    table = read_config_file(chosen).get("bus") if chosen else None
-    return bus_config(table, {"base_port": base_port, "robot": robot, "host": host})
 
 
 def new_run_dir(root: Path = RUNS) -> Path:

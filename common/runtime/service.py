@@ -57,7 +57,7 @@ class Service(ABC):
             1.5 periods. None: steps are paced by the clock alone.
         exit_code: set by the service itself to end its runner after the current step, whose
             outputs are still published; it becomes the process's exit status. None: run on.
-        heartbeat_promise_s: silence of its loop that others may take for its death [s]; must be
+        heartbeat_timeout_s: silence of its loop that others may take for its death [s]; must be
             well above its longest step plus 0.04 s, the time between heartbeats.
         wanted: tells whether anybody reads a topic of ``writes`` just now, to save costly outputs;
             set by the runner. Without one everything is wanted.
@@ -71,7 +71,7 @@ class Service(ABC):
     writes: tuple[Topic[Any], ...] = ()
     trigger: Topic[Any] | None = None
     exit_code: int | None = None
-    heartbeat_promise_s: float = 0.1
+    heartbeat_timeout_s: float = 0.1
     wanted: Callable[[Topic[Any]], bool] = staticmethod(lambda _topic: True)
     settings: Mapping[str, Any] = {}
 

@@ -19,8 +19,8 @@ class StepJournal(Message):
     """A stretch of a service's life, a few times a second.
 
     ``steps`` and ``takes`` are tables of little-endian int64, row by row; their columns are in
-    :mod:`common.bus.journal`. Of a sender heard for the first time ``payloads`` carries the bytes
-    of what was taken in for some seconds, since a logger may not have been connected yet.
+    :mod:`common.journal.journal`. Of a sender heard for the first time ``payloads`` carries the
+    bytes of what was taken in for some seconds, since a logger may not have been connected yet.
     """
 
     service: str = Field(max_length=64)

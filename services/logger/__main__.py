@@ -9,16 +9,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from common.bus.config import split_list
 from common.errors import ConfigError, TrillError, explain
-from common.runtime.main import argument_parser, load_settings
-from common.runtime.realtime import enter_realtime
-from common.runtime.stopping import StopSignals
-from services.logger.config import LoggerConfig
+from common.runtime.live.main import argument_parser, load_settings
+from common.runtime.live.realtime import enter_realtime
+from common.runtime.live.stopping import StopSignals
+from common.transport.config import split_list
 from services.logger.errors import LoggerError
-from services.logger.service import LoggerService, Order, record
-from services.logger.tally import format_report
-from services.logger.units import parse_duration, parse_size
+from services.logger.read.tally import format_report
+from services.logger.record.config import LoggerConfig
+from services.logger.record.service import LoggerService, Order, record
+from services.logger.record.units import parse_duration, parse_size
 
 FILE_NAME = "log.mcap"
 PRIORITY = 1

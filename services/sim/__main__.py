@@ -3,8 +3,9 @@
 import sys
 from argparse import SUPPRESS, ArgumentParser, Namespace
 
-from common.runtime.main import run_live
-from services.sim.config import TYPICAL_NOISE, SimConfig, TorqueMode, validated
+from common.plant.config import TorqueMode
+from common.runtime.live.main import run_live
+from services.sim.config import TYPICAL_NOISE, SimConfig, validated
 from services.sim.scenes import SCENES
 from services.sim.service import PlantService
 from services.sim.tasks import all_tasks
@@ -12,7 +13,7 @@ from services.sim.tasks import all_tasks
 DESCRIPTION = """The plant: DRACO 3 in MuJoCo at 1 kHz, behind its motor servo and command guard. It
 stands until commands come, follows them while they are sound and fresh, holds its posture when
 they stop (0.1 s), goes limp when they stay away (5 s), and reports its state at 200 Hz of robot
-time. It needs no display; for pictures run services.sim.cameras beside it."""
+time. It needs no display; for pictures run services.sim.rendering.cameras beside it."""
 
 _FIELDS = frozenset(SimConfig.model_fields)
 

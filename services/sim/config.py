@@ -1,27 +1,12 @@
 """Configuration of the simulated plant."""
 
 from collections.abc import Mapping
-from enum import StrEnum
 from typing import Any, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from common.errors import ConfigError, explain
-
-PHYSICS_RATE = 1000
-"""Physics and servo steps per second of robot time [1/s]."""
-PHYSICS_STEP_NS = 1_000_000_000 // PHYSICS_RATE
-"""Robot time of one physics step [ns]."""
-
-
-class TorqueMode(StrEnum):
-    """Which torque limits the motors obey."""
-
-    RELAXED = "relaxed"
-    """The public TRILL simulation's limits: 200 N·m more than rated on every leg joint."""
-    RATED = "rated"
-    """The limits of the public DRACO 3 URDF."""
-
+from common.plant.config import PHYSICS_RATE, GuardConfig, TorqueMode
 
 DEFAULT_COM_HEIGHT: dict[TorqueMode, float] = {TorqueMode.RELAXED: 0.70, TorqueMode.RATED: 0.73}
 """CoM above the soles [m]; rated knees bear one-legged stance only with nearly straight legs."""
@@ -51,21 +36,6 @@ TYPICAL_NOISE = NoiseConfig(
     joint_velocity=0.05,
 )
 """A good estimator's noise: 2 mm, 2 cm/s, 0.3°, 0.02 rad/s; encoders 0.1 mrad, 0.05 rad/s."""
-
-
-class GuardConfig(_Config):
-    """Patience of the command guard, in robot time since the applied command's stamp."""
-
-    hold_after: float = Field(default=0.1, gt=0.0, description="then joints hold [s]")
-    damp_after: float = Field(default=5.0, gt=0.0, description="then joints are damped [s]")
-
-    @model_validator(mode="after")
-    def _ordered(self) -> Self:
-        if self.damp_after <= self.hold_after:
-            raise ValueError(
-                f"expected damp_after > hold_after, got {self.damp_after} <= {self.hold_after}"
-            )
-        return self
 
 
 class SimConfig(_Config):

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from common.plant.config import PHYSICS_RATE, PHYSICS_STEP_NS
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import Header, PlantAction, PlantRequest, PlantStatus, TaskVerdict
 from common.topics import (
@@ -20,10 +21,10 @@ from common.topics import (
     WBC_COMMAND,
     Topic,
 )
-from services.sim.config import PHYSICS_RATE, PHYSICS_STEP_NS, SimConfig, validated
+from services.sim.config import SimConfig, validated
 from services.sim.errors import PlantDivergedError
-from services.sim.pace import Every, Pace
-from services.sim.plant import Plant
+from services.sim.physics.pace import Every, Pace
+from services.sim.physics.plant import Plant
 
 _LOG = logging.getLogger(__name__)
 

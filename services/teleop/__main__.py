@@ -10,18 +10,18 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from common.errors import ConfigError, explain
-from common.runtime.main import OptionFormatter, run_live
+from common.runtime.live.main import OptionFormatter, run_live
 from common.schemas import Gait
-from services.teleop.console import KeyboardConfig
-from services.teleop.keyboard import KeyboardOperator
-from services.teleop.library import SCRIPTS, ScriptOptions, script_named
-from services.teleop.screen import help_lines
-from services.teleop.script import GAIT_NAMES
-from services.teleop.scripted import ScriptedConfig, ScriptedOperator
+from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.keyboard.screen import help_lines
+from services.teleop.keyboard.service import KeyboardOperator
+from services.teleop.keyboard.terminal import Terminal
+from services.teleop.scripted.library import SCRIPTS, ScriptOptions, script_named
+from services.teleop.scripted.script import GAIT_NAMES
+from services.teleop.scripted.service import ScriptedConfig, ScriptedOperator
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.teleop.synthetic.strategies import STRATEGIES
 from services.teleop.synthetic.traits import TRAITS
-from services.teleop.terminal import Terminal
 
 USAGE = """usage: python -m services.teleop {scripted,keyboard,synthetic} [options]
 

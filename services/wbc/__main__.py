@@ -6,7 +6,7 @@ import sys
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
-from common.runtime.main import run_live
+from common.runtime.live.main import run_live
 from common.tables import overlaid
 from services.wbc.config import PACES, WbcConfig, wbc_config
 from services.wbc.service import WbcService

@@ -13,7 +13,7 @@ REMEMBERED = 256
 """Requests whose last answer is kept."""
 
 
-class RequestBook:
+class RequestTracker:
     """Numbers requests for the state machine and keeps each one's latest answer."""
 
     def __init__(self) -> None:

@@ -29,7 +29,7 @@ from common.topics import (
 from services.wbc.config import WbcConfig
 from services.wbc.controller import Command, Controller, TickReport
 from services.wbc.motors import joint_gains
-from services.wbc.requests import RequestBook
+from services.wbc.requests import RequestTracker
 
 LONGEST_GAP_NS = 120_000_000
 """States further apart than this [ns] mean that the plant's guard has been holding the robot."""
@@ -54,7 +54,7 @@ class WbcService(Service):
         self.period_ns = round(1e9 / self.config.rate)
         self.controller = Controller(self.config)
         self.stiffness, self.damping = joint_gains(self.config.motors)
-        self._book = RequestBook()
+        self._book = RequestTracker()
         self._reset_count: int | None = None
         self._stamp = -1
         self._setpoint_due = False

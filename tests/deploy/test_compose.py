@@ -14,9 +14,10 @@ from urllib.parse import urlsplit
 import pytest
 import yaml
 
-from common.bus.config import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET, bus_config
-from common.bus.links import Links, parse_link_options
-from common.bus.linkspec import LinkSpec
+from common.links.config import Links, parse_link_options
+from common.links.spec import LinkSpec
+from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
+from common.transport.config import bus_config
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"

@@ -4,10 +4,10 @@ import socket
 
 import pytest
 
-from common.bus.config import ROUTER_OFFSET
+from common.ports import ROUTER_OFFSET
 from deploy.errors import DeployError
 from deploy.ports import STRIDE, reserve_base_port
-from tests.bus.support import free_base_port
+from tests.common.transport.support import free_base_port
 
 
 def test_two_reservations_differ_by_whole_blocks() -> None:

@@ -12,15 +12,15 @@ from typing import Any
 
 import pytest
 
-from common.bus.config import BusConfig
-from common.bus.inbox import Inbox
-from common.bus.publisher import Publisher
-from common.bus.session import open_session
-from common.bus.subscriptions import subscribe
+from common.inbox.inbox import Inbox
+from common.inbox.subscriptions import subscribe
 from common.schemas import CameraFrame, Estop
 from common.topics import CAMERA_LEFT, ESTOP, Topic
-from services.logger.reader import LogReader
-from tests.bus.support import free_base_port
+from common.transport.config import BusConfig
+from common.transport.publisher import Publisher
+from common.transport.session import open_session
+from services.logger.read.reader import LogReader
+from tests.common.transport.support import free_base_port
 
 PATIENCE = 60.0
 BOOT = 1

@@ -6,9 +6,10 @@ import sys
 
 import pytest
 
-from common.bus.config import ROUTER_OFFSET, BusConfig
+from common.ports import ROUTER_OFFSET
+from common.transport.config import BusConfig
 from deploy.router import describe, parser, router_config
-from tests.bus.support import free_base_port
+from tests.common.transport.support import free_base_port
 
 
 def run(*options: str) -> "subprocess.CompletedProcess[str]":

@@ -12,9 +12,9 @@ import pytest
 
 from deploy.errors import DeployError
 from deploy.process import ProcessSpec, Restart, describe_code, tail
-from deploy.supervisor import Ladder, Supervisor
+from deploy.supervisor import SignalEscalation, Supervisor
 
-QUICK = Ladder(interrupt=0.5, terminate=0.5, kill=2.0)
+QUICK = SignalEscalation(interrupt=0.5, terminate=0.5, kill=2.0)
 
 OBEDIENT = """
 import sys, time
@@ -162,7 +162,7 @@ def test_unwanted_processes_are_not_started(tmp_path: Path) -> None:
 def test_waves_stop_in_order(module: Callable[[str, str], str], tmp_path: Path) -> None:
     code = OBEDIENT.replace('print("bye", flush=True)', "print(time.monotonic_ns(), flush=True)")
     name = module("fake_g", code)
-    specs = [ProcessSpec("last", name, stop_wave=1), ProcessSpec("first", name)]
+    specs = [ProcessSpec("last", name, stop_order=1), ProcessSpec("first", name)]
     supervisor = Supervisor(specs, tmp_path / "logs")
     with supervisor:
         for spec in specs:

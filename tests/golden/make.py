@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from common.bus.wire import wire_header
 from common.schemas import Gait
 from common.schemas.arrays import Float64Array as Array
-from services.logger.config import LoggerConfig
-from services.logger.sink import McapSink
-from studies.walking.stack import NOISE, Scenario, Stack
+from common.wire.header import wire_header
+from services.logger.record.config import LoggerConfig
+from services.logger.record.sink import McapSink
+from verification.walking.stack import NOISE, Scenario, Stack
 
 GOLDEN = Path(__file__).with_name("wbc.mcap")
 SECONDS = 2.3

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from common.bus.codec import decode
 from common.errors import SchemaError
+from common.wire.codec import decode
 from services.logger.export.clock import WallClock
 from services.logger.export.errors import ExportError
 from services.logger.export.output import ExportFile
 from services.logger.export.robot import RobotModel
 from services.logger.export.routes import NOT_EXPORTED, Routes
-from services.logger.reader import Entry, LogReader
+from services.logger.read.reader import Entry, LogReader
 
 Progress = Callable[[int, int], None]
 """Told how many messages are done, and of how many."""

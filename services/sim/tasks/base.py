@@ -166,7 +166,7 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
-class Wrong:
+class FailureCondition:
     """An end that cannot be mended: ``name`` says what happened, ``test`` whether it did."""
 
     name: str
@@ -223,7 +223,7 @@ class Task:
     start: Callable[[np.random.Generator], Start]
     stages: tuple[Stage, ...]
     marks: Mapping[str, Pose]
-    wrongs: tuple[Wrong, ...] = ()
+    wrongs: tuple[FailureCondition, ...] = ()
     desired: frozenset[Pair] = frozenset()
     objects: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()

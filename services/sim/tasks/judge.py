@@ -3,7 +3,15 @@
 from dataclasses import dataclass
 
 from common.schemas import TaskVerdict
-from services.sim.tasks.base import ROBOT_PARTS, Pair, Snapshot, Stage, Task, Touch, Wrong
+from services.sim.tasks.base import (
+    ROBOT_PARTS,
+    FailureCondition,
+    Pair,
+    Snapshot,
+    Stage,
+    Task,
+    Touch,
+)
 
 TOUCH_FORCE = 1.0
 """A touch with less normal force is no collision [N]."""
@@ -72,10 +80,10 @@ class Judge:
             return False
         return self._lasts(stage, snapshot)
 
-    def _happened(self, wrong: Wrong, snapshot: Snapshot) -> bool:
+    def _happened(self, wrong: FailureCondition, snapshot: Snapshot) -> bool:
         return self._lasts(wrong, snapshot)
 
-    def _lasts(self, item: Stage | Wrong, snapshot: Snapshot) -> bool:
+    def _lasts(self, item: Stage | FailureCondition, snapshot: Snapshot) -> bool:
         """Whether ``item``'s test has been true without a break for as long as it asks."""
         if not item.test(snapshot):
             self._since.pop(item.name, None)

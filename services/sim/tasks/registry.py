@@ -1,7 +1,7 @@
-"""Finds the tasks: every package below this one that defines ``TASK``.
+"""Finds the tasks: those in the ``TASKS`` of every module beside this one.
 
-A further task is a folder ``<group>/<task>`` with an ``__init__.py`` that defines it; nothing else
-has to be told.
+A further task is one more :class:`~services.sim.tasks.base.Task` in such a tuple, or a new module
+with one; there is no list to add it to.
 """
 
 import importlib
@@ -16,23 +16,22 @@ _PACKAGE = "services.sim.tasks"
 
 @cache
 def all_tasks() -> dict[str, Task]:
-    """Every task by name, sorted.
+    """Return every task by name, sorted.
 
     Raises:
-        TaskError: a folder's task is not called like the folder.
+        TaskError: a task's name does not begin with the name of its module, or is taken twice.
     """
-    found = {}
+    found: dict[str, Task] = {}
     package = importlib.import_module(_PACKAGE)
-    for info in pkgutil.walk_packages(package.__path__, prefix=f"{_PACKAGE}."):
-        if not info.ispkg:
-            continue
-        task = getattr(importlib.import_module(info.name), "TASK", None)
-        if task is None:
-            continue
-        folder = info.name.removeprefix(f"{_PACKAGE}.").replace(".", "/")
-        if task.name != folder:
-            raise TaskError(f"expected the task in {folder} to be called so, got {task.name!r}")
-        found[task.name] = task
+    for info in pkgutil.iter_modules(package.__path__):
+        module = importlib.import_module(f"{_PACKAGE}.{info.name}")
+        for task in getattr(module, "TASKS", ()):
+            if not task.name.startswith(f"{info.name}/") or task.name in found:
+                raise TaskError(
+                    f"expected a task of its own name {info.name}/<task> in {module.__name__}, got "
+                    f"{task.name!r}"
+                )
+            found[task.name] = task
     return dict(sorted(found.items()))
 
 

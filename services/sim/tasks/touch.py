@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from services.sim.contacts import normal_forces
+from services.sim.model.contacts import normal_forces
 from services.sim.tasks.base import Touch
 
 _SIDES = {"l": "left", "r": "right"}

@@ -15,12 +15,12 @@ from common.schemas import (
     TaskStatus,
     UndesiredContact,
 )
-from services.sim.contacts import foot_normal_forces
 from services.sim.errors import TaskError
+from services.sim.model.contacts import foot_normal_forces
+from services.sim.model.world import Addresses
 from services.sim.tasks.base import Pose, Snapshot, Task
 from services.sim.tasks.judge import Judge
 from services.sim.tasks.touch import TouchSensor
-from services.sim.world import Addresses
 
 TICK_STEPS = 10
 """Physics steps between two looks of the judge."""

@@ -8,8 +8,8 @@ import numpy as np
 
 from common.robot.frames import BODY_FRAME, HAND_FRAMES
 from common.robot.joints import JOINT_INDEX, MJCF_PATH
+from common.robot.rotations import Array, from_rotation_vector, multiply
 from services.teleop.errors import TeleopError
-from services.teleop.rotations import Array, from_rotation_vector, multiply
 
 
 @dataclass(frozen=True)

@@ -8,14 +8,14 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
+from common.robot.rotations import from_rpy
 from common.schemas import DeviceInput, Header
 from services.teleop.errors import TeleopError
-from services.teleop.hand import SIDES
-from services.teleop.ingress import Button
-from services.teleop.rotations import from_rpy
+from services.teleop.headset.mapping import Button
 from services.teleop.synthetic.limb import Limb, Tremor
 from services.teleop.synthetic.sight import Sight
 from services.teleop.synthetic.traits import OperatorTraits
+from services.teleop.targets.hand import SIDES
 
 Act = Generator[None, None, bool]
 """An act under way; returns whether it worked out."""

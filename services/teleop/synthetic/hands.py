@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from services.teleop.hand import SIDES
-from services.teleop.rotations import Array, rotate, rotation_vector
+from common.robot.rotations import Array, rotate, rotation_vector
 from services.teleop.synthetic.body import Act, Body, Sign
 from services.teleop.synthetic.sight import Pose, Sight
 from services.teleop.synthetic.traits import OperatorTraits
+from services.teleop.targets.hand import SIDES
 
 Goal = Callable[[Sight], Pose]
 """Where a hand should be, in the body frame, by what is seen."""

@@ -4,15 +4,15 @@ import math
 
 import numpy as np
 
-from common.schemas import HandController
-from services.teleop.ingress import turned_by_yaw
-from services.teleop.rotations import (
+from common.robot.rotations import (
     Array,
     from_rotation_vector,
     multiply,
     rotate,
     rotation_vector,
 )
+from common.schemas import HandController
+from services.teleop.headset.mapping import turned_by_yaw
 
 TREMOR_BAND = (0.8, 9.0)
 """Frequencies of the tremor [Hz]; below the Nyquist frequency of 20 Hz samples."""

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.schemas import Gait, GaitOutcome, GaitReply
-from services.teleop.ingress import GAIT_BUTTONS
+from services.teleop.headset.mapping import GAIT_BUTTONS
 from services.teleop.synthetic.body import Act, Sign, StrategyError
 from services.teleop.synthetic.hands import Goal, Hands
 from services.teleop.synthetic.sight import Sight

@@ -21,7 +21,7 @@ from common.topics import (
     WBC_STATE,
 )
 from services.teleop.errors import TeleopError
-from services.teleop.ingress import Ingress, IngressConfig
+from services.teleop.headset.mapping import HeadsetMapper, MapperConfig
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Eyes, Sight
 from services.teleop.synthetic.strategies import find_strategy
@@ -47,7 +47,7 @@ class SyntheticConfig(BaseModel):
     task: str = Field(default="door/unlock", description="as the plant was started with")
     seed: int = Field(default=0, ge=0, description="of everything that varies in the operator")
     traits: OperatorTraits = TRAITS["practised"]
-    ingress: IngressConfig = IngressConfig()
+    ingress: MapperConfig = MapperConfig()
     start_timeout: float = Field(default=60.0, gt=0.0, description="until BALANCE is seen [s]")
     linger: float = Field(default=1.5, ge=0.0, description="goes on holding after the task [s]")
     stay: bool = Field(default=False, description="then wait for the next trial, do not end")
@@ -74,7 +74,7 @@ class SyntheticOperator(Service):
         self.config = config or SyntheticConfig()
         self.settings = self.config.model_dump(mode="json")
         self._strategy = find_strategy(self.config.task)
-        self._ingress = Ingress(self.config.ingress)
+        self._ingress = HeadsetMapper(self.config.ingress)
         self._last_ns: int | None = None
         self._shown: OperatorStatus | None = None
         self._since_shown = 0.0
@@ -119,7 +119,7 @@ class SyntheticOperator(Service):
             return self._status(Header(), elapsed)
         if sight.resets != self._resets:
             self._begin(sight.resets)
-            self._ingress = Ingress(self.config.ingress, self._ingress.next_id)
+            self._ingress = HeadsetMapper(self.config.ingress, self._ingress.next_id)
         self._time += dt
         self._act(sight, replies, dt)
         header = Header(stamp=sight.stamp)

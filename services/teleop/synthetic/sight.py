@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from common.robot.rotations import Array, multiply, normalised, to_rpy
 from common.schemas import ControllerState, ControlState, PlantState, SceneState
 from services.teleop.errors import TeleopError
-from services.teleop.hand import SIDES, hand_quaternion
-from services.teleop.rotations import Array, multiply, normalised, to_rpy
 from services.teleop.synthetic.arms import hand_in_body, rotate_vector
+from services.teleop.targets.hand import SIDES, hand_quaternion
 
 SMOOTHING = 0.5
 """Share of a new picture in what the operator takes for the torso's place."""

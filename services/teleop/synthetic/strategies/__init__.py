@@ -9,8 +9,8 @@ from services.teleop.synthetic.strategies.bench_hammer import hammer
 from services.teleop.synthetic.strategies.bench_push import push_cart
 from services.teleop.synthetic.strategies.door_push import push_through
 from services.teleop.synthetic.strategies.door_unlock import unlock
-from services.teleop.synthetic.strategies.twin_cap import take_cap_off
-from services.teleop.synthetic.strategies.twin_tool import tool_into_box
+from services.teleop.synthetic.strategies.hardware_cap import take_cap_off
+from services.teleop.synthetic.strategies.hardware_tool import tool_into_box
 from services.teleop.synthetic.strategies.walk import walk_to_cart, walk_to_door
 
 Strategy = Callable[[Person], Act]
@@ -22,8 +22,8 @@ STRATEGIES: Final[dict[str, Strategy]] = {
     "bench/walk": walk_to_cart,
     "bench/hammer": hammer,
     "bench/push": push_cart,
-    "twin/tool": tool_into_box,
-    "twin/cap": take_cap_off,
+    "hardware/tool": tool_into_box,
+    "hardware/cap": take_cap_off,
 }
 """By task."""
 

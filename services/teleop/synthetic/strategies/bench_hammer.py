@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from common.robot.rotations import Array
 from common.schemas import Gait
-from services.teleop.rotations import Array
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Pose, Sight, hand_pose
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 import numpy as np
 
 from common.schemas import Gait
-from services.teleop.hand import SIDES
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Pose, Sight, hand_pose
+from services.teleop.targets.hand import SIDES
 
 Placing = Callable[[Sight, str, float], Pose]
 """A hand's pose by what is seen, side and distance along the hand's axis [m]."""

@@ -5,7 +5,7 @@ The leaf is pushed with the same fist or, by some and where the arm reaches so f
 
 import numpy as np
 
-from services.teleop.rotations import Array
+from common.robot.rotations import Array
 from services.teleop.synthetic.arms import rotate_vector
 from services.teleop.synthetic.person import Act, Person, StrategyError
 from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose

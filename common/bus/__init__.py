@@ -1,1 +1,0 @@
-"""The typed bus: codec, Zenoh session, publishers, inboxes and delay lines."""

@@ -1,0 +1,1 @@
+"""The format of demonstrations: columns, episode files, observation and action vectors."""

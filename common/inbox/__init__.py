@@ -1,0 +1,1 @@
+"""What a service is given: one buffer per topic, freshness, subscriptions."""

@@ -1,0 +1,248 @@
+"""What a service sees of its inputs, fed from any thread and read once a step.
+
+Where decoding happens. The transport's thread only appends payload and arrival time to a bounded
+queue (a slow callback would hold up every other topic of the session, and would take the
+interpreter lock from the control loop at any moment). The service's own thread decodes at the
+start of its step, and decodes *every* waiting message, not just the newest of a latest-value
+topic. That costs about ten microseconds for each message skipped over, and buys exactness:
+sequence gaps and refusals are counted message by message, and when the newest payload is garbage
+the value shown is the newest good one before it. Should a latest-value topic pile up more than
+:data:`LATEST_BACKLOG` payloads (a service that stood still), the oldest are let go undecoded;
+they are counted as ``skipped`` and not as gaps, since the link did deliver them.
+
+A link with a delay puts its :class:`~common.links.delay.DelayLine` between queue and decoding. It
+too lives in the service's thread: a message's arrival is then its due time exactly, whenever the
+step comes that finds it, and no thread of its own competes with the step.
+"""
+
+import threading
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar, cast
+
+from common.errors import TrillError
+from common.inbox.buffer import NEVER, InboxContext, TopicBuffer
+from common.inbox.status import InputStatus, age_of, health_of, is_fresh, status_of
+from common.links.config import Links, link_seed
+from common.links.delay import DelayLine, DelayStats
+from common.links.names import EYES
+from common.links.spec import LinkSpec
+from common.schemas import LinkHealth, Message
+from common.topics import Topic
+
+M = TypeVar("M", bound=Message)
+
+
+class Inbox:
+    """Implements :class:`common.runtime.service.Inputs` and feeds on raw payloads.
+
+    One thread may call :meth:`offer` per topic; everything else belongs to the service's thread.
+    """
+
+    def __init__(
+        self,
+        topics: Iterable[Topic[Any]],
+        *,
+        service: str = "",
+        links: Links | None = None,
+        seed: int = 0,
+        trigger: Topic[Any] | None = None,
+        tools: InboxContext | None = None,
+        max_age: Mapping[str, float] | None = None,
+    ) -> None:
+        """Create an empty inbox.
+
+        Args:
+            topics: what the service reads.
+            service: its name, which chooses among ``links`` and seeds them.
+            links: delays to inject.
+            seed: the run's seed for links without their own.
+            trigger: topic whose arrivals wake :meth:`wait`.
+            tools: clock offsets and journal; None: one clock, no journal.
+            max_age: by topic name, how old a message may be on arrival to be applied [s], where
+                it differs from the table's.
+        """
+        links = links or Links()
+        self._service, self._seed = service, seed
+        self._journal = tools.journal if tools is not None else None
+        self._slots: dict[str, TopicBuffer] = {}
+        for topic in topics:
+            spec = links.of(service, topic.name)
+            line = None if spec is None else self._line(topic, spec)
+            age = (max_age or {}).get(topic.name)
+            self._slots[topic.name] = TopicBuffer(topic, line, tools, age)
+        self._all = tuple(self._slots.values())
+        self._linked = tuple(slot for slot in self._all if slot.line is not None)
+        self._trigger = self._slots[trigger.name] if trigger is not None else None
+        self._wake = threading.Event()
+        self._shown: list[TopicBuffer] = []
+        self._arrived = False
+        self._now = 0
+
+    def offer(
+        self, topic_name: str, payload: bytes, arrival_ns: int, tag: str | None = None
+    ) -> None:
+        """Put in what arrived; nothing is decoded here.
+
+        Args:
+            topic_name: one of the topics the inbox was made for.
+            payload: the bytes received.
+            arrival_ns: when, on the clock of :meth:`begin_step`.
+            tag: the schema's name according to the sender; None if known to be right.
+        """
+        slot = self._slots[topic_name]
+        slot.put(payload, arrival_ns, tag)
+        self._arrived = True
+        if slot is self._trigger:
+            self._wake.set()
+
+    def begin_step(self, now_ns: int) -> None:
+        """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
+        self._now = now_ns
+        if self._journal is not None:
+            self._journal.begin(now_ns)
+        if self._shown:
+            for slot in self._shown:
+                slot.end_step()
+            self._shown.clear()
+        if self._linked:
+            self._advance_links(now_ns)
+        if self._arrived:
+            # Cleared before looking: what arrives meanwhile sets it again for the next step.
+            self._arrived = False
+            for slot in self._all:
+                if slot.ready and slot.take():
+                    self._shown.append(slot)
+
+    def begin_replayed_step(self, now_ns: int, taken: Iterable[tuple[str, Message, int]]) -> None:
+        """Like :meth:`begin_step` for a replay: show what the step took in when it was recorded.
+
+        Args:
+            now_ns: the step's time.
+            taken: topic name, message and time of arrival of each, in the order of the record.
+        """
+        self.begin_step(now_ns)
+        for name, message, arrival_ns in taken:
+            slot = self._slots[name]
+            slot.show(message, arrival_ns)
+            self._shown.append(slot)
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        """Last good message of a latest-value topic; None before the first."""
+        return cast("M | None", self._slot(topic).value)
+
+    def latest_by_source(self, topic: Topic[M]) -> dict[str, M]:
+        """Last good message of a per-source topic from each source."""
+        return cast("dict[str, M]", dict(self._slot(topic).by_source))
+
+    def updated(self, topic: Topic[Any]) -> bool:
+        """Whether a good message arrived since the previous step."""
+        return self._slot(topic).updated
+
+    def fresh(self, topic: Topic[Any]) -> bool:
+        """Whether the last good message arrived within the topic's ``max_age``."""
+        return is_fresh(self._slot(topic), self._now)
+
+    def age(self, topic: Topic[Any]) -> float:
+        """Seconds since the last good message arrived (infinity before the first)."""
+        return age_of(self._slot(topic), self._now)
+
+    def events(self, topic: Topic[M]) -> list[M]:
+        """Messages of an event topic since the previous step, oldest first."""
+        return cast("list[M]", list(self._slot(topic).events))
+
+    def status(self, topic: Topic[Any]) -> InputStatus:
+        """Everything known about one input as of the current step."""
+        return status_of(self._slot(topic), self._now)
+
+    def link_health(self) -> list[LinkHealth]:
+        """Health of every input, as published in :class:`~common.schemas.ServiceHealth`."""
+        return [self._health_of(slot) for slot in self._all]
+
+    def _health_of(self, slot: TopicBuffer) -> LinkHealth:
+        link = self.link_of(slot.topic.name) if slot.line is not None else ""
+        return health_of(slot, self._now, self._journal, link)
+
+    def set_link(self, topic_name: str, spec: LinkSpec | None) -> None:
+        """Change the link in front of an input from now on; None: no delay any more.
+
+        What is under way arrives as it would have. Service's thread only.
+        """
+        slot = self._slots[topic_name]
+        if spec is None and slot.line is None:
+            return
+        # What has arrived already belongs to the old link, though no step has looked at it yet.
+        slot.release(-1)
+        slot.set_line(self._line(slot.topic, spec or LinkSpec()))
+        self._linked = tuple(slot for slot in self._all if slot.line is not None)
+
+    def link_of(self, topic_name: str) -> str:
+        """What is injected in front of an input, in words; empty: nothing."""
+        spec = self.spec_of(topic_name)
+        return "" if spec == LinkSpec() else str(spec)
+
+    def spec_of(self, topic_name: str) -> LinkSpec:
+        """What is injected in front of an input; all zero: nothing."""
+        line = self._slots[topic_name].line
+        return LinkSpec() if line is None else line.spec
+
+    @property
+    def stale(self) -> int:
+        """Messages of all inputs that were too old when they arrived."""
+        return sum(slot.stale for slot in self._all)
+
+    @property
+    def topics(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return tuple(self._slots)
+
+    def delay_stats(self) -> dict[str, DelayStats]:
+        """Requested and achieved delay of every link that has one, by topic name."""
+        lines = ((slot.topic.name, slot.line) for slot in self._linked)
+        return {name: line.stats() for name, line in lines if line is not None}
+
+    def wait(self, timeout_s: float) -> bool:
+        """Sleep until a payload of the trigger topic arrives; False if time ran out."""
+        return self._wake.wait(timeout_s)
+
+    def wake(self) -> None:
+        """End a :meth:`wait` now, from any thread."""
+        self._wake.set()
+
+    def trigger_arrival(self, now_ns: int) -> int | None:
+        """When the trigger topic last arrived or fell due, if since the last call; else None."""
+        self._wake.clear()
+        slot = self._trigger
+        if slot is None:
+            return None
+        if slot.line is not None:
+            self._advance_links(now_ns)
+        arrival = slot.last_put_ns
+        if arrival == slot.seen_put_ns:
+            return None
+        slot.seen_put_ns = arrival
+        return arrival
+
+    @property
+    def next_trigger_due_ns(self) -> int:
+        """When the next delayed message of the trigger topic falls due [ns]."""
+        slot = self._trigger
+        return slot.line.next_due_ns if slot is not None and slot.line is not None else NEVER
+
+    def _line(self, topic: Topic[Any], spec: LinkSpec) -> DelayLine[Any]:
+        seed = link_seed(self._seed, self._service, topic.name)
+        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in EYES else None)
+
+    def _advance_links(self, now_ns: int) -> None:
+        """Move what arrived into the delay lines and what fell due out of them."""
+        for slot in self._linked:
+            if slot.release(now_ns):
+                self._arrived = True
+
+    def _slot(self, topic: Topic[Any]) -> TopicBuffer:
+        slot = self._slots.get(topic.name)
+        if slot is None:
+            raise TrillError(
+                f"topic {topic.name!r} is not among this service's inputs "
+                f"({', '.join(self._slots) or 'none'}); add it to the service's `reads`"
+            )
+        return slot

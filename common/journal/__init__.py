@@ -1,0 +1,1 @@
+"""What each step of a service took in, and where the time of a message went."""

@@ -1,0 +1,1 @@
+"""Injected latency: link specifications, delay lines, and their control at run time."""

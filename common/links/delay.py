@@ -1,0 +1,227 @@
+"""A link with latency, jitter and loss, as a pure object without a clock.
+
+Model. Message k arrives at the line at time t_k. It is lost with probability ``loss``; else it
+draws a delay d_k >= 0 (negative draws become 0) and falls due at t_k + d_k. With ``keep_order``
+(a link over a reliable, ordered transport) it falls due no earlier than the message before it:
+
+    due_k = max(t_k + d_k, due_{k-1})
+
+Holding back for order can only add delay. With independent draws whose spread is wide compared
+with the message interval this raises the mean well above the requested one (250 ms with a
+standard deviation of 20 ms at 500 Hz has a mean near 274 ms). Two remedies: ``order=free``,
+where a late message may be overtaken, or ``corr=<time constant>``, which draws the delays from
+an autocorrelated process with the same distribution, as congestion on a real link is. What
+really happened is never guessed: :meth:`DelayLine.stats` gives requested, drawn and achieved
+figures.
+
+Distributions: ``constant``; ``normal`` (mean, standard deviation, clamped at 0); ``lognormal``
+(parametrised by the mean and standard deviation of the delay itself, so sigma² =
+ln(1 + sd²/mean²), mu = ln mean - sigma²/2); ``trace`` (recorded delays one after the other,
+starting over at the end). The correlated latent Gaussian is an Ornstein-Uhlenbeck process
+sampled at the arrivals: g_k = r g_{k-1} + sqrt(1 - r²) n_k with r = exp(-(t_k - t_{k-1}) / tau).
+
+The lines of a stereo pair's eyes are made ``by_time``: delay and loss of a frame depend on the seed
+and its capture time only (see :mod:`common.links.draws`), so both eyes of a frame share them. A
+trace's entry is then chosen by the capture time as well, in steps of ``frame_ns``.
+"""
+
+import heapq
+import math
+from array import array
+from dataclasses import dataclass
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from common.links.draws import ByTime, DelaySampler, Sequential
+from common.links.spec import Distribution, LinkSpec
+
+T = TypeVar("T")
+
+_NEVER = 2**63
+_Z99 = 2.3263478740408408
+"""99th percentile of the standard normal distribution."""
+_ACHIEVED_KEPT = 10_000
+
+
+class Released(NamedTuple, Generic[T]):
+    """An item that left a :class:`DelayLine`."""
+
+    due_ns: int
+    """When it was due [ns]."""
+    injected_ns: int
+    """How long the line held it [ns]."""
+    item: T
+
+
+@dataclass(frozen=True)
+class DelayStats:
+    """What a link was asked to do and what it did; durations in seconds.
+
+    ``drawn_mean`` differs from ``requested_mean`` by clamping at 0 and by chance;
+    ``achieved_mean`` differs from ``drawn_mean`` by holding messages back to keep their order.
+    ``achieved_p99`` is over the last 10 000 messages. Figures without data are 0.
+    """
+
+    requested_mean: float
+    requested_p99: float
+    drawn_mean: float
+    achieved_mean: float
+    achieved_p99: float
+    pushed: int
+    lost: int
+    held_back: int
+    released: int
+
+
+class DelayLine(Generic[T]):
+    """Holds items for a time drawn from a :class:`LinkSpec`; deterministic for a given seed.
+
+    Not thread-safe. Times are any one monotonic clock [ns].
+    """
+
+    def __init__(self, spec: LinkSpec, seed: int = 0, frame_ns: int | None = None) -> None:
+        """Create an empty line.
+
+        Args:
+            spec: what to do.
+            seed: used unless the spec has its own.
+            frame_ns: time between frames of a stereo pair, whose halves are to be delayed alike;
+                None: an input by itself.
+        """
+        self.spec = spec
+        self.by_time = frame_ns is not None
+        """Whether :meth:`push` wants the time of capture."""
+        self._frame_ns = frame_ns or 1
+        chosen = spec.seed if spec.seed is not None else seed
+        self._draws: DelaySampler = ByTime(chosen) if self.by_time else Sequential(chosen)
+        self._heap: list[tuple[int, int, int, T]] = []
+        self._count = 0
+        self._last_due = 0
+        self._drawn = 0
+        self._lost = 0
+        self._held_back = 0
+        self._released = 0
+        self._achieved_sum = 0
+        self._achieved = array("q")
+        """A ring of the latest, so that their percentile costs a control loop microseconds."""
+        self._requested = requested(spec)
+
+    @property
+    def next_due_ns(self) -> int:
+        """When the next item is due [ns]; a time out of reach if there is none."""
+        return self._heap[0][0] if self._heap else _NEVER
+
+    def __len__(self) -> int:
+        return len(self._heap)
+
+    def push(self, item: T, now_ns: int, captured_ns: int | None = None) -> bool:
+        """Put in an item that arrived at ``now_ns``; False if it is lost.
+
+        ``captured_ns`` is what a line ``by_time`` draws by; None: the time of arrival.
+        """
+        number = self._count
+        self._count += 1
+        at_ns = captured_ns if self.by_time and captured_ns is not None else now_ns
+        delay = self._draw(at_ns // self._frame_ns if self.by_time else number, at_ns)
+        if self._draws.lost(at_ns, self.spec.loss):
+            self._lost += 1
+            return False
+        self._drawn += delay
+        due = now_ns + delay
+        if self.spec.keep_order:
+            if due < self._last_due:
+                due = self._last_due
+                self._held_back += 1
+            self._last_due = due
+        heapq.heappush(self._heap, (due, number, now_ns, item))
+        return True
+
+    def adopt(self, other: "DelayLine[T]") -> None:
+        """Take over what ``other`` still holds, with its due times; no figure here counts it.
+
+        With ``keep_order`` nothing pushed later comes out before it.
+        """
+        held = [
+            (due, number - other._count, pushed, item) for due, number, pushed, item in other._heap
+        ]
+        self._heap += held
+        heapq.heapify(self._heap)
+        other._heap = []
+        self._last_due = max([self._last_due, *(due for due, *_ in held)])
+
+    def pop(self, now_ns: int) -> list[Released[T]]:
+        """Take out everything due by ``now_ns``, in the order of the due times."""
+        released = []
+        heap = self._heap
+        while heap and heap[0][0] <= now_ns:
+            due, number, pushed, item = heapq.heappop(heap)
+            injected = due - pushed
+            released.append(Released(due, injected, item))
+            if number >= 0:  # below: another line's
+                if len(self._achieved) < _ACHIEVED_KEPT:
+                    self._achieved.append(injected)
+                else:
+                    self._achieved[self._released % _ACHIEVED_KEPT] = injected
+                self._released += 1
+                self._achieved_sum += injected
+        return released
+
+    def stats(self) -> DelayStats:
+        """Summarise what was asked for and what happened so far."""
+        kept = self._count - self._lost
+        count = len(self._achieved)
+        rank = math.ceil(0.99 * count) - 1
+        # A copy, since a view would keep the ring from growing.
+        achieved = np.array(self._achieved, np.int64)
+        p99 = int(np.partition(achieved, rank)[rank]) if count else 0
+        mean, requested_p99 = self._requested
+        return DelayStats(
+            requested_mean=mean,
+            requested_p99=requested_p99,
+            drawn_mean=1e-9 * self._drawn / kept if kept else 0.0,
+            achieved_mean=1e-9 * self._achieved_sum / self._released if self._released else 0.0,
+            achieved_p99=1e-9 * p99,
+            pushed=self._count,
+            lost=self._lost,
+            held_back=self._held_back,
+            released=self._released,
+        )
+
+    def _draw(self, number: int, at_ns: int) -> int:
+        """Draw the delay of message ``number``, arrived or captured at ``at_ns`` [ns]."""
+        spec = self.spec
+        if spec.distribution is Distribution.CONSTANT:
+            seconds = spec.mean
+        elif spec.distribution is Distribution.TRACE:
+            seconds = spec.trace[number % len(spec.trace)]
+        else:
+            gauss = self._draws.gauss(at_ns, spec.correlation)
+            if spec.distribution is Distribution.NORMAL:
+                seconds = max(0.0, spec.mean + spec.sd * gauss)
+            else:
+                mu, sigma = lognormal_parameters(spec)
+                seconds = math.exp(mu + sigma * gauss)
+        return round(seconds * 1e9)
+
+
+def requested(spec: LinkSpec) -> tuple[float, float]:
+    """Return mean and 99th percentile the specification asks for [s].
+
+    For ``normal`` these are the parameters' own, before negative delays are clamped.
+    """
+    if spec.distribution is Distribution.CONSTANT:
+        return spec.mean, spec.mean
+    if spec.distribution is Distribution.NORMAL:
+        return spec.mean, spec.mean + _Z99 * spec.sd
+    if spec.distribution is Distribution.LOGNORMAL:
+        mu, sigma = lognormal_parameters(spec)
+        return spec.mean, math.exp(mu + _Z99 * sigma)
+    ordered = sorted(spec.trace)
+    return math.fsum(ordered) / len(ordered), ordered[math.ceil(0.99 * len(ordered)) - 1]
+
+
+def lognormal_parameters(spec: LinkSpec) -> tuple[float, float]:
+    """Return mu and sigma of the delay's logarithm from its mean and standard deviation."""
+    variance = math.log1p((spec.sd / spec.mean) ** 2)
+    return math.log(spec.mean) - 0.5 * variance, math.sqrt(variance)

@@ -1,0 +1,1 @@
+"""What every plant shares, simulated or real: guard, servo, fallback and limits."""

@@ -1,0 +1,1 @@
+"""Runs a service as a process on Zenoh and the wall clock."""

@@ -1,0 +1,1 @@
+"""Runs a service again on the inputs that a log recorded."""

@@ -1,0 +1,95 @@
+"""What a replay found."""
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+from common.runtime.replay.difference import FieldDifference
+
+
+@dataclass(frozen=True)
+class Difference:
+    """The first way in which a replay is not the recording.
+
+    Attributes:
+        step: number of the step in the service's life.
+        now_ns: its time on the service's clock [ns].
+        topic: of the message.
+        seq: its number.
+        what: ``differs``, ``missing`` (recorded, not replayed) or ``extra`` (the reverse).
+        fields: where it differs.
+    """
+
+    step: int
+    now_ns: int
+    topic: str
+    seq: int
+    what: str
+    fields: tuple[FieldDifference, ...] = ()
+
+
+@dataclass
+class Tally:
+    """What became of the messages of one topic."""
+
+    equal: int = 0
+    """To the byte."""
+    close: int = 0
+    """Within the tolerance."""
+    differing: int = 0
+    missing: int = 0
+    """Recorded, not replayed."""
+    extra: int = 0
+    """Replayed, and the recording should have it but has not."""
+    unrecorded: int = 0
+    """Replayed, but the recorder has lost it or did not listen yet."""
+
+    @property
+    def compared(self) -> int:
+        """Messages there in both."""
+        return self.equal + self.close + self.differing
+
+
+@dataclass
+class Report:
+    """What a replay found; durations in seconds.
+
+    Attributes:
+        service, life, boot: what was replayed.
+        steps: steps replayed.
+        inputs: messages fed.
+        outputs: by topic name.
+        first: the first difference; None without any.
+        worst: largest relative difference of each field that differs, by ``topic field``.
+        stopped: why the replay ended before the life did; empty if it did not.
+        failure: how the service raised, if it did.
+        replayed: duration of what was replayed.
+        wall: how long that took.
+    """
+
+    service: str
+    life: int
+    boot: int
+    steps: int = 0
+    inputs: int = 0
+    outputs: dict[str, Tally] = field(default_factory=lambda: defaultdict(Tally))
+    first: Difference | None = None
+    worst: dict[str, float] = field(default_factory=dict)
+    stopped: str = ""
+    failure: str = ""
+    replayed: float = 0.0
+    wall: float = 0.0
+
+    @property
+    def identical(self) -> bool:
+        """Whether the replay went to its end and every message compared is the same."""
+        return not self.stopped and self.first is None and self.compared > 0
+
+    @property
+    def compared(self) -> int:
+        """Messages there in both."""
+        return sum(tally.compared for tally in self.outputs.values())
+
+    def note(self, found: Difference) -> None:
+        """Keep the earliest difference."""
+        if self.first is None or found.step < self.first.step:
+            self.first = found

@@ -1,0 +1,1 @@
+"""Runs services in one process on a virtual clock, bit-identical on repeat."""

@@ -1,0 +1,329 @@
+"""Runs services in one process on a virtual clock: deterministic, faster than real time.
+
+The clock starts at 0. A service is stepped at ``offset + k * period``, whatever its trigger;
+services due at the same time are stepped in the order of the list. What a service publishes at
+time t has arrived at t (or later, by its link's delay): a service further down the list sees it
+at the same t, one further up at its next step. Every message goes through the same codec and the
+same inbox and delay lines as on the live bus, so what a service is given differs only in time.
+Two runs with the same services, seed and calls are equal byte by byte, provided that no service
+looks at a wall clock or draws unseeded random numbers.
+"""
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from heapq import heapify, heapreplace
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from common.errors import TrillError
+from common.inbox.buffer import InboxContext
+from common.inbox.inbox import Inbox
+from common.journal.journal import PERIOD_NS as JOURNAL_PERIOD_NS
+from common.journal.journal import Journal
+from common.links.config import Links
+from common.links.spec import LinkSpec
+from common.runtime.service import Service
+from common.runtime.simulated.links import SimLinks
+from common.schemas import LinkChange, Message
+from common.topics import JOURNAL, LINK_CHANGE, Topic
+from common.transport.keys import key_of
+from common.transport.tap import RawSample
+from common.wire.codec import decode, encode_body, schema_tag, with_header
+from common.wire.stamper import HeaderStamper
+
+M = TypeVar("M", bound=Message)
+
+RawListener = Callable[[RawSample], None]
+
+
+class _Host:
+    """One service with its inbox and its publishers' counters."""
+
+    def __init__(self, service: Service, order: int) -> None:
+        self.service = service
+        self.order = order
+        self.paused = False
+        self.lives = 0
+        self.inbox: Inbox
+        self.journal: Journal | None = None
+        self.journal_due = 0
+        self.stampers: dict[str, HeaderStamper] = {}
+
+
+class SimTimeRunner:
+    """Hosts services on a virtual clock; see the module for the rules of time."""
+
+    def __init__(
+        self,
+        services: Sequence[Service],
+        seed: int = 0,
+        links: Links | Mapping[str, str | LinkSpec] | None = None,
+        *,
+        offsets_ns: Mapping[str, int] | None = None,
+        robot: str = "draco3",
+        record: bool = False,
+        journal: bool | None = None,
+    ) -> None:
+        """Set the stage; no service is stepped yet.
+
+        Args:
+            services: what to run; their order decides at equal times.
+            seed: of boot ids and of links without their own seed.
+            links: delays by name, see :mod:`common.links.config`.
+            offsets_ns: time of the first step by service name; 0 where not named.
+            robot: first part of the keys in the record.
+            record: keep every message in :attr:`log`, also those nobody reads.
+            journal: publish each service's :class:`~common.schemas.StepJournal`, so that it can
+                be replayed; None: when recording.
+
+        Raises:
+            TrillError: two services have the same name, or an offset names none.
+            ConfigError: a link is wrong.
+        """
+        self._seed = seed
+        self._robot = robot
+        self._record = record
+        self._journal = record if journal is None else journal
+        names = [service.name for service in services]
+        self._links = links if isinstance(links, Links) else Links.from_table(links or {}, names)
+        self._set_links = SimLinks(self._links)
+        self._untold: list[LinkChange] = []
+        self._now = 0
+        self.log: list[RawSample] = []
+        """Every message so far, if recording."""
+        self._hosts = {service.name: _Host(service, i) for i, service in enumerate(services)}
+        offsets = dict(offsets_ns or {})
+        unknown = offsets.keys() - self._hosts.keys()
+        if len(self._hosts) != len(services) or unknown:
+            raise TrillError(
+                f"expected services of different names and offsets of these only; got "
+                f"{names} and offsets of {sorted(offsets)}"
+            )
+        self._readers: dict[str, list[_Host]] = {}
+        self._taps: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
+        self._raw_listeners: list[RawListener] = []
+        self._injectors: dict[tuple[str, str], HeaderStamper] = {}
+        for host in self._hosts.values():
+            self._start(host)
+        self._connect()
+        self._queue = [
+            (offsets.get(name, 0), host.order, host) for name, host in self._hosts.items()
+        ]
+        heapify(self._queue)
+
+    @property
+    def now_ns(self) -> int:
+        """The virtual clock [ns]."""
+        return self._now
+
+    def run_until(self, t_ns: int) -> None:
+        """Run every step due before ``t_ns``; the clock then stands at ``t_ns``."""
+        self._tell_links()
+        queue = self._queue
+        while queue and queue[0][0] < t_ns:
+            due, order, host = queue[0]
+            self._now = due
+            # The queue is put right first, so a step that raises does not come again.
+            heapreplace(queue, (due + host.service.period_ns, order, host))
+            if not host.paused:
+                inbox = host.inbox
+                inbox.begin_step(due)
+                for output in host.service.step(inbox, due):
+                    self._publish(host, output.topic, output.message)
+                if host.journal is not None:
+                    self._keep_journal(host, host.journal)
+                # A service that has ended itself is stepped no more, as a process that is gone.
+                host.paused = host.service.exit_code is not None
+        self._now = max(self._now, t_ns)
+
+    def run_for(self, seconds: float) -> None:
+        """Run for a duration of virtual time [s]."""
+        self.run_until(self._now + round(seconds * 1e9))
+
+    def inject(self, topic: Topic[M], message: M, source: str = "inject") -> None:
+        """Publish ``message`` now, as a service called ``source`` would."""
+        stamper = self._injectors.get((source, topic.name))
+        if stamper is None:
+            stamper = self._stamper(source, 0)
+            self._injectors[source, topic.name] = stamper
+        self._send(stamper, source, topic, message, None)
+
+    def set_link(
+        self, name: str, spec: str | LinkSpec | None, service: str | None = None
+    ) -> list[LinkChange]:
+        """Change links from now on, as ``trill latency set`` does; None: no delay any more.
+
+        Args:
+            name: a topic or a short name, see :mod:`common.links.names`.
+            spec: what to inject.
+            service: the only consumer meant; None: every one.
+
+        Returns:
+            each change made, as it was published.
+
+        Raises:
+            ConfigError: name or specification is wrong.
+            TrillError: no service reads what is named.
+        """
+        inboxes = {host.service.name: host.inbox for host in self._hosts.values()}
+        changes = self._set_links.set(name, spec, inboxes, service)
+        self._untold += changes
+        self._tell_links()
+        return changes
+
+    def pause_service(self, name: str) -> None:
+        """Stop stepping a service, as if its process were stopped; its inbox still fills."""
+        self._host(name).paused = True
+
+    def resume_service(self, name: str) -> None:
+        """Step a paused service again, on its old grid."""
+        self._host(name).paused = False
+
+    def replace_service(self, name: str, new: Service) -> None:
+        """Restart a service: ``new`` takes its place with an empty inbox and a new boot id.
+
+        Raises:
+            TrillError: there is no such service, or ``new`` has another name.
+        """
+        host = self._host(name)
+        if new.name != name:
+            raise TrillError(f"expected a service named {name!r} to replace it, got {new.name!r}")
+        host.service.close()
+        host.service = new
+        host.paused = False
+        self._start(host)
+        self._connect()
+
+    def on_message(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
+        """Call ``callback`` with every message of ``topic``, decoded, when it is published."""
+        self._taps[topic.name].append(callback)
+
+    def on_raw(self, callback: RawListener) -> None:
+        """Call ``callback`` with every message as bytes, as a live raw tap would see it."""
+        self._raw_listeners.append(callback)
+
+    def inbox(self, name: str) -> Inbox:
+        """The inbox of a service, e.g. for its counters."""
+        return self._host(name).inbox
+
+    def digest(self) -> str:
+        """Return the SHA-256 over time, key and payload of everything in :attr:`log`."""
+        total = hashlib.sha256()
+        for sample in self.log:
+            head = f"{sample.arrival_ns} {sample.key} {len(sample.payload)}\n"
+            total.update(head.encode())
+            total.update(sample.payload)
+        return total.hexdigest()
+
+    def close(self) -> None:
+        """Close every service."""
+        for host in self._hosts.values():
+            host.service.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _keep_journal(self, host: _Host, journal: Journal) -> None:
+        """A step has ended: publish the journal if it is time, or the service has ended."""
+        journal.end(self._now)
+        if self._now >= host.journal_due or host.service.exit_code is not None:
+            host.journal_due = self._now + JOURNAL_PERIOD_NS
+            message = journal.fetch()
+            if message is not None:
+                self._publish(host, JOURNAL, message)
+
+    def _publish(self, host: _Host, topic: Topic[Any], message: Message) -> None:
+        """Send what a service returned."""
+        stamper = host.stampers.get(topic.name)
+        if stamper is None:
+            raise TrillError(
+                f"{host.service.name} published {topic.name!r}; expected one of its `writes`: "
+                f"{', '.join(t.name for t in host.service.writes) or 'none'}"
+            )
+        self._send(stamper, host.service.name, topic, message, host)
+
+    def _send(
+        self,
+        stamper: HeaderStamper,
+        source: str,
+        topic: Topic[Any],
+        message: Message,
+        sender: _Host | None,
+    ) -> None:
+        """Encode once and hand to every reader but the sender; nothing if there is none."""
+        readers = self._readers.get(topic.name, ())
+        taps = self._taps.get(topic.name, ())
+        if not self._wanted(topic):
+            stamper.count += 1
+            return
+        payload = with_header(message, encode_body(message), stamper.next(message, self._now))
+        for reader in readers:
+            if reader is not sender:
+                reader.inbox.offer(topic.name, payload, self._now)
+        if self._record or self._raw_listeners:
+            key = key_of(self._robot, topic, source)
+            schema: type[Message] = topic.schema
+            sample = RawSample(key, payload, schema_tag(schema), self._now)
+            if self._record:
+                self.log.append(sample)
+            for listener in self._raw_listeners:
+                listener(sample)
+        for tap in taps:
+            tap(decode(payload, topic.schema))
+
+    def _tell_links(self) -> None:
+        """Publish what has not been told of links."""
+        untold, self._untold = self._untold, []
+        for change in untold:
+            self._publish(self._host(change.service), LINK_CHANGE, change)
+
+    def _wanted(self, topic: Topic[Any]) -> bool:
+        """Whether anything would come of a message of ``topic``."""
+        name = topic.name
+        return bool(
+            self._record or self._raw_listeners or self._readers.get(name) or self._taps.get(name)
+        )
+
+    def _start(self, host: _Host) -> None:
+        """Give a service a new life: inbox, boot id, counters."""
+        service = host.service
+        service.wanted = self._wanted
+        host.lives += 1
+        host.journal = Journal(service.name, service.settings) if self._journal else None
+        host.inbox = Inbox(
+            service.reads,
+            service=service.name,
+            links=self._links,
+            seed=self._seed,
+            tools=InboxContext(journal=host.journal),
+        )
+        self._untold += self._set_links.begin(service.name, host.inbox)
+        writes = (*service.writes, LINK_CHANGE, *((JOURNAL,) if self._journal else ()))
+        host.stampers = {t.name: self._stamper(service.name, host.lives) for t in writes}
+
+    def _connect(self) -> None:
+        """Find the readers of each topic, in the order of the services."""
+        self._readers = {}
+        for host in self._hosts.values():
+            for name in {topic.name: None for topic in host.service.reads}:
+                self._readers.setdefault(name, []).append(host)
+
+    def _stamper(self, source: str, life: int) -> HeaderStamper:
+        text = f"{self._seed} {source} {life}"
+        boot = int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "big")
+        return HeaderStamper(source, boot, lambda: self._now)
+
+    def _host(self, name: str) -> _Host:
+        host = self._hosts.get(name)
+        if host is None:
+            raise TrillError(f"no service {name!r}; expected one of {', '.join(self._hosts)}")
+        return host

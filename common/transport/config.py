@@ -1,0 +1,238 @@
+"""Configuration of the bus and the scheme by which services find each other.
+
+Every known service has its own TCP port (:data:`~common.ports.PORT_OFFSETS` above a base port) on
+which it listens, and keeps trying to connect to the ports before its own in the table; a pair is
+thus connected by one of the two, whichever of them came first or came back last. So services on one
+machine find each other without a router, without multicast and in any starting order. Several
+stacks run side by side on different base ports. A service that is not in the table listens on a
+port the system picks and connects to the whole table; two of these find each other by gossip
+as long as a service of the table runs.
+
+Two peers of which neither reaches the other's listening port exchange nothing, silently; a
+service behind a router or a firewall therefore has to use ``mode="client"``, and by default looks
+for a router on the port below the base port.
+"""
+
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from common.errors import ConfigError, explain
+from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
+from common.tables import overlaid
+
+SHARED_TABLES = ("bus", "links", "runtime")
+"""Tables of a configuration file that are for every service."""
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)]
+"""A robot's or a service's name: one chunk of a key expression."""
+
+
+class BusConfig(BaseModel):
+    """How a process reaches the bus.
+
+    Durations are whole milli- or microseconds because the transport takes them so. The defaults
+    keep a publisher from ever waiting for a slow subscriber for more than a few milliseconds.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    robot: Name = Field(default="draco3", description="first part of every key")
+    mode: Literal["peer", "client", "router"] = "peer"
+    host: str = Field(default="127.0.0.1", description="address of this machine's port table")
+    base_port: int = Field(default=DEFAULT_BASE_PORT, ge=1024, le=65000)
+    listen: tuple[str, ...] | None = Field(
+        default=None, description="endpoints to listen on; None: this service's port in the table"
+    )
+    connect: tuple[str, ...] | None = Field(
+        default=None,
+        description="endpoints to connect to; None: the ports before this service's own, or a "
+        "client's router",
+    )
+    lease_ms: int = Field(
+        default=1500, ge=100, le=60_000, description="a silent link is given up after this long"
+    )
+    retry_initial_ms: int = Field(default=100, ge=10, le=10_000)
+    retry_max_ms: int = Field(default=500, ge=10, le=60_000)
+    patience_s: float = Field(
+        default=20.0, ge=0.0, description="how long a client looks for its router when opening"
+    )
+    queue_size: int = Field(default=16, ge=1, le=16, description="batches queued per priority")
+    drop_wait_us: int = Field(
+        default=500, ge=0, le=100_000, description="a full queue delays a publisher this long"
+    )
+    drop_wait_fragments_us: int = Field(
+        default=3000, ge=0, le=1_000_000, description="the same for a message of many fragments"
+    )
+    shared_memory: bool = False
+    zenoh: dict[str, Any] = Field(
+        default_factory=dict,
+        description="laid over the generated Zenoh configuration, e.g. TLS or access control",
+    )
+
+    def listen_endpoints(self, service: str) -> list[str]:
+        """Where ``service`` listens; clients listen nowhere unless told to."""
+        if self.listen is not None:
+            return list(self.listen)
+        if self.mode == "client":
+            return []
+        offset = PORT_OFFSETS.get(service)
+        port = 0 if offset is None else self.base_port + offset
+        return [self._endpoint(port)]
+
+    def connect_endpoints(self, service: str) -> list[str]:
+        """Whom ``service`` connects to."""
+        if self.connect is not None:
+            return list(self.connect)
+        if self.mode == "client":
+            return [self._endpoint(self.base_port + ROUTER_OFFSET)]
+        known = service in PORT_OFFSETS
+        own = PORT_OFFSETS.get(service, 1 + max(PORT_OFFSETS.values()))
+        offsets = [offset for offset in PORT_OFFSETS.values() if offset < own]
+        if not known and self.mode == "peer":
+            # The router dials the table only, and behind it there may be operators and loggers.
+            offsets.append(ROUTER_OFFSET)
+        return [self._endpoint(self.base_port + offset) for offset in offsets]
+
+    def zenoh_config(self, service: str) -> dict[str, Any]:
+        """The Zenoh configuration of ``service``, ready to be written as JSON."""
+        queue_names = ("real_time", "interactive_high", "interactive_low", "data", "data_low")
+        base: dict[str, Any] = {
+            "mode": self.mode,
+            "scouting": {
+                "multicast": {"enabled": False},
+                # Of two peers that hear of each other only one connects: no crossing attempts.
+                "gossip": {
+                    "enabled": True,
+                    "autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},
+                },
+            },
+            "listen": {"endpoints": self.listen_endpoints(service)},
+            "connect": {
+                "endpoints": self.connect_endpoints(service),
+                "timeout_ms": 0 if self.mode == "client" else -1,
+                "exit_on_failure": False,
+                "retry": {
+                    "period_init_ms": self.retry_initial_ms,
+                    "period_max_ms": self.retry_max_ms,
+                    "period_increase_factor": 1.5,
+                },
+            },
+            # Without multicast there is nobody to wait for when opening.
+            "open": {"return_conditions": {"connect_scouted": False}},
+            "timestamping": {"enabled": True},
+            "transport": {
+                "link": {
+                    "tx": {
+                        "lease": self.lease_ms,
+                        "queue": {
+                            "size": dict.fromkeys(queue_names, self.queue_size),
+                            "congestion_control": {
+                                "drop": {
+                                    "wait_before_drop": self.drop_wait_us,
+                                    "max_wait_before_drop_fragments": self.drop_wait_fragments_us,
+                                },
+                                "block": {"wait_before_close": 20_000},
+                            },
+                        },
+                    }
+                },
+                "shared_memory": {"enabled": self.shared_memory},
+            },
+        }
+        return overlaid(base, self.zenoh)
+
+    def _endpoint(self, port: int) -> str:
+        return f"tcp/{self.host}:{port}"
+
+
+def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
+    """Read a TOML file of tables: :data:`SHARED_TABLES` and one for each service.
+
+    Args:
+        path: the file.
+        also: services that may have a table though :data:`PORT_OFFSETS` does not name them.
+
+    Raises:
+        ConfigError: the file cannot be read, is not TOML, or holds anything but known tables.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ConfigError(
+            f"cannot read the configuration {path}: {error}; expected a TOML file with tables such "
+            "as [bus], [links] and [runtime]"
+        ) from error
+    known = {*SHARED_TABLES, *PORT_OFFSETS, *also}
+    for key, table in tables.items():
+        if not isinstance(table, dict):
+            raise ConfigError(f"{path}: expected only tables, got {key!r} outside of any")
+        if key not in known:
+            raise ConfigError(
+                f"{path}: no table [{key}]; expected one of {', '.join(sorted(known))}"
+            )
+    return tables
+
+
+_ENVIRONMENT = {
+    "TRILL_ROBOT": "robot",
+    "TRILL_MODE": "mode",
+    "TRILL_HOST": "host",
+    "TRILL_BASE_PORT": "base_port",
+    "TRILL_LISTEN": "listen",
+    "TRILL_CONNECT": "connect",
+}
+
+
+def bus_config(
+    table: Mapping[str, Any] | None = None,
+    arguments: Mapping[str, Any] | None = None,
+    environment: Mapping[str, str] | None = None,
+) -> BusConfig:
+    """Combine defaults, a file's ``[bus]`` table, ``TRILL_*`` variables and arguments.
+
+    Later ones win: arguments over environment over file over defaults. ``TRILL_LISTEN`` and
+    ``TRILL_CONNECT`` are lists of endpoints separated by commas; an argument of None counts as
+    not given.
+
+    Raises:
+        ConfigError: a value does not fit :class:`BusConfig`.
+    """
+    environment = os.environ if environment is None else environment
+    values: dict[str, Any] = dict(table or {})
+    for variable, field in _ENVIRONMENT.items():
+        text = environment.get(variable)
+        if not text:
+            continue
+        is_list = field in {"listen", "connect"}
+        values[field] = split_list(text) if is_list else text
+    values |= {key: value for key, value in (arguments or {}).items() if value is not None}
+    try:
+        return BusConfig.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError(f"the bus configuration is wrong: {explain(error)}") from error
+
+
+def bus_of(
+    base_port: int | None,
+    config: Path | None,
+    robot: str | None = None,
+    host: str | None = None,
+) -> BusConfig:
+    """The bus as the services of such a system see it.
+
+    Raises:
+        ConfigError: the file or an environment variable is wrong.
+    """
+    chosen = config or (Path(text) if (text := os.environ.get("TRILL_CONFIG")) else None)
+    table = read_config_file(chosen).get("bus") if chosen else None
+    return bus_config(table, {"base_port": base_port, "robot": robot, "host": host})
+
+
+def split_list(text: str) -> tuple[str, ...]:
+    """Split a comma-separated list, ignoring blanks."""
+    return tuple(part.strip() for part in text.split(",") if part.strip())

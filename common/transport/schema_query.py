@@ -1,0 +1,116 @@
+"""Services describe their topics, so that a stranger can record them without knowing them.
+
+Each live service answers queries on ``<robot>/schema/<service>`` with the keys it publishes, their
+schema tags and JSON Schemas. Whoever asks ``*/schema/*`` learns which robots there are and what
+they say. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}``.
+"""
+
+import json
+from collections.abc import Iterable, Mapping
+from functools import cached_property
+from typing import Any
+
+import msgpack
+import zenoh
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from common.schemas import Message
+from common.topics import Topic
+from common.transport.keys import key_of
+from common.wire.schema import schema_tag
+
+_MAX_ANSWER = 16 * 1024 * 1024
+
+
+class Description(BaseModel):
+    """What a service says of one of its keys."""
+
+    model_config = ConfigDict(frozen=True)
+
+    tag: str = Field(max_length=400)
+    jsonschema: str
+
+    @property
+    def name(self) -> str:
+        """Name and version, e.g. ``PlantState/1``; the whole tag if it is not of that form."""
+        return self.tag.removeprefix("trill/").partition(";")[0] or "unnamed"
+
+
+_Answer = TypeAdapter(dict[str, Description])
+
+
+class SchemaServer:
+    """Answers who asks what a service publishes; publishes nothing of itself."""
+
+    def __init__(self, robot: str, service: str, topics: Iterable[Topic[Any]]) -> None:
+        """Prepare to describe ``topics`` of ``service``."""
+        self._robot = robot
+        self._service = service
+        self._topics = tuple(topics)
+        self._queryable: Any = None
+
+    @property
+    def key(self) -> str:
+        """Where it answers."""
+        return f"{self._robot}/schema/{self._service}"
+
+    @cached_property
+    def answer(self) -> bytes:
+        """What it answers."""
+        described = {}
+        for topic in self._topics:
+            schema: type[Message] = topic.schema
+            text = json.dumps(schema.model_json_schema(), ensure_ascii=False)
+            key = key_of(self._robot, topic, self._service)
+            described[key] = {"tag": schema_tag(schema), "jsonschema": text}
+        return bytes(msgpack.packb(described))
+
+    def open(self, session: "zenoh.Session") -> None:
+        """Begin to answer on ``session``."""
+        # Made now: the first to ask shall not stop the service's other threads for it.
+        answer = self.answer
+        key = self.key
+
+        def reply(query: Any) -> None:
+            with query:
+                query.reply(key, answer)
+
+        self._queryable = session.declare_queryable(key, reply)
+
+    def close(self) -> None:
+        """Answer no more; the session must still be open."""
+        if self._queryable is not None:
+            self._queryable.undeclare()
+            self._queryable = None
+
+
+def discover(
+    session: "zenoh.Session", robot: str = "*", timeout: float = 1.0
+) -> dict[str, dict[str, Description]]:
+    """Ask who is there and what they publish.
+
+    Args:
+        session: an open Zenoh session.
+        robot: ask this one only.
+        timeout: for answers [s]; services that are up answer at once.
+
+    Returns:
+        robot to key to description; answers that are none are passed over.
+    """
+    found: dict[str, dict[str, Description]] = {}
+    replies = session.get(f"{robot}/schema/*", target=zenoh.QueryTarget.ALL, timeout=timeout)
+    for reply in replies:
+        if reply.ok is None:
+            continue
+        name = str(reply.ok.key_expr).partition("/")[0]
+        found.setdefault(name, {}).update(_read(reply.ok.payload.to_bytes()))
+    return found
+
+
+def _read(payload: bytes) -> Mapping[str, Description]:
+    if len(payload) > _MAX_ANSWER:
+        return {}
+    try:
+        return _Answer.validate_python(msgpack.unpackb(payload))
+    except (ValidationError, ValueError, TypeError, msgpack.exceptions.UnpackException):
+        return {}

@@ -1,0 +1,161 @@
+"""A raw tap: sees every byte on a robot's bus and publishes nothing."""
+
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import zenoh
+
+from common.transport.session import tag_of
+
+TRANSPORT_QUEUE = 4096
+"""Samples that wait outside the interpreter, so that its being busy costs no message."""
+
+
+class RawSample(NamedTuple):
+    """One message as it crossed the bus."""
+
+    key: str
+    payload: bytes
+    tag: str
+    """Schema tag given by the sender; empty if none."""
+    arrival_ns: int
+    """Monotonic (or simulated) time of arrival [ns]."""
+
+
+class RawTap:
+    """Collects what is published under ``<robot>/**``, or under given key expressions.
+
+    The transport's thread only hands on: to ``deliver`` if there is one, else to a queue bounded
+    by messages and bytes. When the reader of that queue falls behind, the oldest samples are let
+    go and counted in :attr:`dropped_by_key`.
+    """
+
+    def __init__(
+        self,
+        session: "zenoh.Session",
+        robot: str,
+        maxlen: int = 20_000,
+        clock: Callable[[], int] = time.monotonic_ns,
+        *,
+        max_bytes: int = 256 * 1024 * 1024,
+        deliver: Callable[[RawSample], object] | None = None,
+        expressions: Sequence[str] | None = None,
+        accept: Callable[[str], bool] | None = None,
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            session: an open Zenoh session.
+            robot: first part of every key.
+            maxlen: bounds the samples that wait to be drained.
+            clock: gives the time of arrival [ns].
+            max_bytes: bounds their payloads.
+            deliver: called with each sample in a thread of the tap, instead of queueing it; must
+                return at once. That thread may be kept from running for a while: samples wait
+                for it in the transport, up to :data:`TRANSPORT_QUEUE` of them.
+            expressions: key expressions to listen to instead of ``<robot>/**``; may overlap.
+            accept: says of a key, once, whether its messages are wanted; None: all are.
+        """
+        self.received = 0
+        self.dropped_by_key: Counter[str] = Counter()
+        """Samples let go because nobody drained in time, or the largest alone was too large."""
+        self._session: Any = session
+        self._queue: deque[RawSample] = deque()
+        self._waiting_bytes = 0
+        self._lock = threading.Lock()
+        self._maxlen = maxlen
+        self._max_bytes = max_bytes
+        self._clock = clock
+        self._delivers = deliver is not None
+        self._deliver = deliver or self._enqueue
+        self._accept = accept
+        self._expressions: list[Any] = []
+        self._subscribers: list[Any] = []
+        self._readers: list[threading.Thread] = []
+        for expression in expressions if expressions is not None else [f"{robot}/**"]:
+            self.listen(expression)
+
+    @property
+    def dropped(self) -> int:
+        """Samples let go, of all keys."""
+        return sum(self.dropped_by_key.values())
+
+    def listen(self, expression: str) -> None:
+        """Listen to one more key expression; a key matched by several is delivered once."""
+        wanted = zenoh.KeyExpr(expression)
+        if any(known.includes(wanted) for known in self._expressions):
+            return
+        before = tuple(self._expressions)
+        self._expressions.append(wanted)
+        receive = self._receiver(before)
+        handler: Any = zenoh.handlers.FifoChannel(TRANSPORT_QUEUE) if self._delivers else receive
+        subscriber: Any = self._session.declare_subscriber(
+            wanted, handler, allowed_origin=zenoh.Locality.REMOTE
+        )
+        self._subscribers.append(subscriber)
+        if self._delivers:
+            reader = threading.Thread(
+                target=_read, args=(subscriber, receive), name="tap", daemon=True
+            )
+            reader.start()
+            self._readers.append(reader)
+
+    def drain(self) -> list[RawSample]:
+        """Take out everything collected so far, oldest first."""
+        with self._lock:
+            taken = list(self._queue)
+            self._queue.clear()
+            self._waiting_bytes = 0
+        return taken
+
+    def close(self) -> None:
+        """Stop collecting; what was collected can still be drained."""
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
+        self._subscribers.clear()
+        for reader in self._readers:
+            reader.join()
+        self._readers.clear()
+
+    def _receiver(self, before: tuple[Any, ...]) -> Callable[[Any], None]:
+        """Return a callback that passes on what no expression of ``before`` matches."""
+        decided: dict[str, bool] = {}
+        clock, deliver = self._clock, self._deliver
+
+        def is_wanted(key: str) -> bool:
+            if any(other.intersects(zenoh.KeyExpr(key)) for other in before):
+                return False
+            return self._accept is None or self._accept(key)
+
+        def receive(sample: Any) -> None:
+            arrival_ns = clock()
+            key = str(sample.key_expr)
+            wanted = decided.get(key)
+            if wanted is None:
+                wanted = decided[key] = is_wanted(key)
+            if wanted:
+                self.received += 1
+                deliver(
+                    RawSample(key, sample.payload.to_bytes(), tag_of(sample.encoding), arrival_ns)
+                )
+
+        return receive
+
+    def _enqueue(self, raw: RawSample) -> None:
+        queue = self._queue
+        with self._lock:
+            queue.append(raw)
+            self._waiting_bytes += len(raw.payload)
+            while len(queue) > self._maxlen or self._waiting_bytes > self._max_bytes:
+                oldest = queue.popleft()
+                self._waiting_bytes -= len(oldest.payload)
+                self.dropped_by_key[oldest.key] += 1
+
+
+def _read(subscriber: Any, receive: Callable[[Any], None]) -> None:
+    """Pass on what comes, until the subscriber is withdrawn."""
+    for sample in subscriber:
+        receive(sample)

@@ -1,0 +1,1 @@
+"""The bytes of a message: codec, header, schema identity, sequence numbers. No Zenoh here."""

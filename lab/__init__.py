@@ -1,0 +1,1 @@
+"""What people do with the robot: run it, record it, study it."""

@@ -1,0 +1,231 @@
+"""The subcommand ``trill dataset``: collected demonstrations in the formats of other projects."""
+
+import argparse
+from collections.abc import Callable
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from common.errors import ConfigError
+from deploy.extras import require
+from lab.cli.commands import Command, run_chosen
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from lab.demonstrations.export.source import Source
+
+TEXT = """Hand demonstrations made by `trill collect` on to other projects' training code."""
+EXAMPLES = """examples:
+  trill dataset export runs/datasets/door-unlock --format lerobot
+  trill dataset export --help
+"""
+EXPORT = """Export one or several data sets of `trill collect` as one data set of another format,
+loadable by that project's own loader. Numbers are the collected ones as float32, unscaled; names
+of all columns go along; so do seed, verdict and that the operator was synthetic.
+
+lerobot     a directory in format v3.0: observation.state (112 numbers: feet and hands, grippers,
+            joints, controller state), action (18: hands, grippers, gait, neck),
+            observation.images.left and right as mp4 or inside the tables, ages, success, the
+            task's goal as a sentence, figures to scale by.
+robomimic   one HDF5 file: obs/robot0_left_eef_pos, robot0_joint_vel, robot0_left_eye_image ...,
+            actions, rewards, dones, and masks train and valid (a tenth). Pictures are raw, as
+            robomimic wants them: 100 frames of 400x300 are 72 MB, so give a --width.
+            Its policies act within -1 ... 1: train them on --scale-actions.
+
+Successes only, up to the judge's verdict: what the operator does afterwards is no demonstration
+of the task. The result is there whole or not at all; what was cut off is begun anew.
+
+Exit code: 0 done, 1 not, 2 wrong options, 130 Ctrl-C."""
+EXPORT_EXAMPLES = """examples:
+  trill dataset export runs/datasets/door-unlock --format lerobot
+  trill dataset export runs/datasets/door-unlock runs/datasets/door-push --format lerobot \\
+    --out runs/datasets/door-lerobot --width 224 --height 224
+  trill dataset export runs/datasets/door-unlock --format lerobot --pictures embedded
+  trill dataset export runs/datasets/door-unlock --format robomimic --width 120 --scale-actions
+  trill dataset export runs/datasets/door-unlock --format robomimic --pictures none --seeds 0:50
+"""
+FORMATS = ("lerobot", "robomimic")
+PICTURES = ("video", "embedded", "none")
+_LEROBOT_CRF = 18
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the subcommands of ``trill dataset``."""
+    actions = parser.add_subparsers(required=True, metavar="action")
+    Command(
+        "export", "for lerobot or robomimic", EXPORT, EXPORT_EXAMPLES, _export_options, _export
+    ).under(actions, "dataset")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do what was asked for; 0, or an exception of this project."""
+    return run_chosen(arguments, "dataset")
+
+
+def _export_options(export: argparse.ArgumentParser) -> None:
+    export.add_argument("dirs", nargs="+", type=Path, metavar="DIR", help="made by trill collect")
+    export.add_argument("--format", required=True, choices=FORMATS, help="whose loader reads it")
+    export.add_argument("--out", type=Path, help="directory or file to make (DIR with an ending)")
+    export.add_argument("--force", action="store_true", help="replace an earlier export")
+    which = export.add_argument_group("what is taken")
+    which.add_argument(
+        "--seeds", type=_range, default=(None, None), metavar="A:B", help="from A up to, not B"
+    )
+    which.add_argument(
+        "--failures", action="store_true", help="also what is no success, if it was kept"
+    )
+    which.add_argument("--tail", action="store_true", help="also frames after the verdict")
+    pictures = export.add_argument_group("pictures")
+    pictures.add_argument("--width", type=_pixels, help="scale to this; alone: keeps the shape")
+    pictures.add_argument("--height", type=_pixels, help="the same")
+    pictures.add_argument(
+        "--pictures",
+        choices=PICTURES,
+        help="lerobot: video (standard), or embedded in the tables without loss; robomimic: "
+        "embedded; or none",
+    )
+    pictures.add_argument(
+        "--crf", type=_quality, help=f"video's quality, 0 best to 51 ({_LEROBOT_CRF})"
+    )
+    pictures.add_argument(
+        "--compress", action="store_true", help="robomimic: half the size, slower to train from"
+    )
+    export.add_argument_group("robomimic").add_argument(
+        "--scale-actions",
+        action="store_true",
+        help="each column to -1 ... 1 by its range; how, is in the file",
+    )
+
+
+def _range(text: str) -> tuple[int | None, int | None]:
+    parts = text.split(":")
+    if len(parts) != 2 or not all(part.isdecimal() or not part for part in parts):
+        raise argparse.ArgumentTypeError(f"expected two seeds as 0:50, got {text!r}")
+    first, end = (int(part) if part else None for part in parts)
+    return first, end
+
+
+def _pixels(text: str) -> int:
+    if not text.isdecimal() or not 16 <= int(text) <= 1920:
+        raise argparse.ArgumentTypeError(f"expected 16 to 1920 pixels, got {text!r}")
+    return int(text)
+
+
+def _quality(text: str) -> int:
+    if not text.isdecimal() or int(text) > 51:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 51, got {text!r}")
+    return int(text)
+
+
+def _export(arguments: argparse.Namespace) -> int:
+    options = _options(arguments)
+    lerobot = arguments.format == "lerobot"
+    require(
+        f"trill dataset export --format {arguments.format}",
+        "lerobot" if lerobot else "collect",
+        *("cv2", "h5py", "mujoco", "pinocchio", "scipy"),
+        *(("av", "pyarrow") if lerobot else ()),
+    )
+    from lab.demonstrations.export.source import EpisodeSelection, choose
+
+    choice = EpisodeSelection(
+        roots=tuple(arguments.dirs),
+        seeds=arguments.seeds,
+        failures=arguments.failures,
+        tail=arguments.tail,
+        width=arguments.width,
+        height=arguments.height,
+        pictures=arguments.pictures != "none",
+    )
+    out = arguments.out or _beside(arguments.dirs, arguments.format)
+    source = choose(choice)
+    with _bar(source) as tick:
+        if arguments.format == "lerobot":
+            from lab.demonstrations.export import lerobot
+
+            lerobot.write(source, out, force=arguments.force, tick=tick, **options)
+        else:
+            from lab.demonstrations.export import robomimic
+
+            robomimic.write(source, out, force=arguments.force, tick=tick, **options)
+    _tell(source, out, arguments.format)
+    return 0
+
+
+def _options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Options of the format alone.
+
+    Raises:
+        ConfigError: an option belongs to the other format, or to nothing that is written.
+    """
+    given = {
+        "--crf": arguments.crf is not None,
+        "--compress": arguments.compress,
+        "--scale-actions": arguments.scale_actions,
+    }
+    theirs = ("--compress", "--scale-actions") if arguments.format == "lerobot" else ("--crf",)
+    wrong = [name for name in theirs if given[name]]
+    if wrong:
+        raise ConfigError(f"{wrong[0]} is not for {arguments.format}; leave it out")
+    if arguments.pictures == "none" and (arguments.width or arguments.height):
+        raise ConfigError(
+            "--width and --height are for pictures; leave them or --pictures none out"
+        )
+    if arguments.format == "robomimic":
+        if arguments.pictures == "video":
+            raise ConfigError("robomimic reads no video: expected --pictures embedded or none")
+        return {"compress": arguments.compress, "scale_actions": arguments.scale_actions}
+    video = arguments.pictures in {None, "video"}
+    if given["--crf"] and not video:
+        raise ConfigError("--crf is for video; leave it out, or --pictures")
+    crf = arguments.crf if arguments.crf is not None else _LEROBOT_CRF
+    return {"video": video, "crf": crf}
+
+
+def _beside(dirs: list[Path], form: str) -> Path:
+    if len(dirs) > 1:
+        raise ConfigError("expected --out, since there are several data sets")
+    root: Path = dirs[0].resolve()
+    return root.with_name(f"{root.name}-{form}" + (".hdf5" if form == "robomimic" else ""))
+
+
+@contextmanager
+def _bar(source: "Source") -> "Iterator[Callable[[int], None]]":
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+    from rich.progress import TimeRemainingColumn as Remaining
+
+    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), Remaining())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        row = bars.add_task("frames", total=source.frames)
+        yield lambda count: bars.advance(row, count)
+
+
+_LOADED = {
+    "lerobot": "LeRobotDataset('trill/{name}', root='{out}')",
+    "robomimic": "train.data = '{out}' in robomimic's config; train.hdf5_load_next_obs = false",
+}
+
+
+def _tell(source: "Source", out: Path, form: str) -> None:
+    files = [path for path in out.rglob("*") if path.is_file()] if out.is_dir() else [out]
+    size = sum(path.stat().st_size for path in files)
+    pictures = f"pictures {source.size[0]}x{source.size[1]}" if source.size else "no pictures"
+    print(
+        f"{len(source.episodes)} episodes of {', '.join(source.tasks)}: {source.frames} frames, "
+        f"{pictures}, {size * 1e-6:.1f} MB (synthetic operator)"
+    )
+    print(f"to load it: {_LOADED[form].format(name=out.name, out=out)}")
+    print(out)
+
+
+COMMAND = Command(
+    "dataset",
+    "demonstrations for lerobot or robomimic",
+    TEXT,
+    EXAMPLES,
+    add_arguments,
+    run,
+)

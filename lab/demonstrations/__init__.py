@@ -1,0 +1,1 @@
+"""Demonstrations: collecting them and exporting them."""

@@ -1,0 +1,209 @@
+"""Looks for what is wrong in a data set: every file, array, stamp and picture."""
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from common.episodes.columns import COLUMNS, EYES, Column
+from common.episodes.episode_file import RATE, Episode, open_episode
+from common.episodes.errors import EpisodeError
+from common.errors import TrillError
+from lab.demonstrations.collect.dataset import Build
+from lab.demonstrations.collect.episode import make_episode
+from lab.demonstrations.collect.store import DAMAGED, IndexLine, Store
+
+_UNIT = 1e-6
+"""A quaternion's norm is one within this."""
+_PERIOD = 1_000_000_000 // RATE
+_PHYSICS_STEP = 1_000_000
+"""Both in ns."""
+
+
+def check(store: Store, each: Callable[[], None] = lambda: None) -> list[str]:
+    """Everything that is wrong, ``file: what``; empty if nothing is.
+
+    Args:
+        store: the data set.
+        each: called after each file.
+
+    Raises:
+        EpisodeError: there is no data set.
+    """
+    recipe = store.recipe()
+    if recipe is None:
+        raise EpisodeError(f"no data set in {store.root}: see trill collect --help")
+    found: list[str] = []
+    lines: dict[str, IndexLine] = {}
+    for path in store.files():
+        name = str(path.relative_to(store.root))
+        try:
+            line = store.read(path)
+            lines[name] = line
+            problems = [*_trial(line), *(_episode(path) if line.kept else ())]
+            if line.meta.recipe != recipe:
+                problems.append("of another recipe than dataset.json")
+        except TrillError as error:
+            problems = [str(error)]
+        except DAMAGED as error:
+            problems = [f"damaged: {error}"]
+        found += [f"{name}: {problem}" for problem in problems]
+        each()
+    seeds = [line.meta.seed for line in lines.values()]
+    found += [
+        f"seed {seed} is there twice" for seed in sorted({s for s in seeds if seeds.count(s) > 1})
+    ]
+    return found + list(_index(store, lines))
+
+
+def _trial(line: IndexLine) -> Iterator[str]:
+    meta = line.meta
+    if not line.kept and meta.success:
+        yield "a success that was not kept"
+    if line.kept and not meta.success and not meta.recipe.keep_failures:
+        yield f"kept, but its verdict is {meta.verdict}"
+    if line.kept and not meta.source:
+        yield "does not say which code made it"
+
+
+def _index(store: Store, lines: dict[str, IndexLine]) -> Iterator[str]:
+    """The index against the files."""
+    hint = f"mend with: trill collect --reindex {store.root}"
+    try:
+        index = {line.file: line for line in store.index()}
+    except EpisodeError as error:
+        yield str(error)
+        return
+    there = {str(path.relative_to(store.root)) for path in store.files()}
+    yield from (f"{name}: in the index, but not there" for name in sorted(index.keys() - there))
+    yield from (f"{name}: not in the index; {hint}" for name in sorted(there - index.keys()))
+    for name in sorted(index.keys() & lines.keys()):
+        if index[name].sha256 != lines[name].sha256:
+            yield f"{name}: its SHA-256 is not that of the index: the file was changed"
+        elif index[name] != lines[name]:
+            yield f"{name}: the index tells another story; {hint}"
+
+
+def _episode(path: Path) -> Iterator[str]:
+    with open_episode(path) as episode:
+        arrays = {}
+        for column in COLUMNS:
+            problem, values = _array(episode, column)
+            if problem:
+                yield problem
+            else:
+                arrays[column.path] = values
+        meta = episode.meta
+        yield from _quaternions(arrays)
+        yield from _time(arrays, meta.recipe.physics_steps)
+        if meta.success and not 0 <= meta.verdict_frame <= meta.frames:
+            yield f"a success whose verdict came in frame {meta.verdict_frame} of {meta.frames}"
+        if episode.has_pictures != (meta.recipe.eyes is not None):
+            yield f"has {'' if episode.has_pictures else 'no '}pictures, against its recipe"
+        elif episode.has_pictures:
+            yield from _pictures(episode)
+
+
+def _array(episode: Episode, column: Column) -> tuple[str, Any]:
+    try:
+        values = episode.array(column.path)
+    except (KeyError, OSError) as error:
+        return f"{column.path} cannot be read: {error}", None
+    frames = episode.meta.frames
+    right = values.shape[0] == frames and (column.varies or values.shape[1:] == column.shape)
+    if not right or values.dtype != np.dtype(column.dtype):
+        width = ("any",) if column.varies else column.shape
+        return (
+            f"{column.path}: expected {column.dtype} {(frames, *width)}, got {values.dtype.str} "
+            f"{values.shape}"
+        ), None
+    wrong = np.argwhere(~np.isfinite(values))
+    if len(wrong):
+        return f"{column.path}: not a finite number in frame {wrong[0][0]}", None
+    return "", values
+
+
+def _quaternions(arrays: dict[str, Any]) -> Iterator[str]:
+    for path, offset in (
+        ("observation/poses", 3),
+        ("action/hands", 3),
+        ("truth/base_quaternion", 0),
+    ):
+        if path not in arrays:
+            continue
+        values = arrays[path]
+        parts = values.reshape(len(values), -1, offset + 4)[:, :, offset:]
+        wrong = np.argwhere(np.abs(np.linalg.norm(parts, axis=2) - 1.0) > _UNIT)
+        if len(wrong):
+            yield f"{path}: a quaternion that is not of unit length in frame {wrong[0][0]}"
+
+
+def _time(arrays: dict[str, Any], physics_steps: int) -> Iterator[str]:
+    now = arrays.get("time/robot_ns")
+    if now is None:
+        return
+    # Robot time goes in these steps, which need not fit into the frames' period.
+    step = physics_steps * _PHYSICS_STEP
+    slack = step if _PERIOD % step else 0
+    uneven = np.flatnonzero(np.abs(np.diff(now) - _PERIOD) > slack)
+    if len(uneven):
+        at = int(uneven[0])
+        yield (
+            f"time/robot_ns: {(now[at + 1] - now[at]) * 1e-6:.3f} ms from frame {at} to {at + 1}, "
+            f"expected {_PERIOD * 1e-6:g}"
+        )
+    for name in ("state", "controller", "truth", "seen"):
+        stamps = arrays.get(f"time/{name}_ns")
+        if stamps is None:
+            continue
+        # A link that does not keep the order may show the operator something older again.
+        if name != "seen" and (np.diff(stamps) < 0).any():
+            yield f"time/{name}_ns goes back in frame {int(np.argmax(np.diff(stamps) < 0)) + 1}"
+        if (stamps > now).any():
+            yield f"time/{name}_ns is of the future in frame {int(np.argmax(stamps > now))}"
+
+
+def _pictures(episode: Episode) -> Iterator[str]:
+    eyes = episode.meta.recipe.eyes
+    assert eyes is not None
+    for eye in EYES:
+        for frame in range(episode.meta.frames):
+            try:
+                picture = episode.picture(eye, frame)
+            except (EpisodeError, KeyError, OSError, ValueError, cv2.error) as error:
+                yield f"{eye} eye, frame {frame}: no picture ({str(error)[:80]})"
+                break
+            if picture.shape != (eyes.height, eyes.width, 3):
+                yield f"{eye} eye, frame {frame}: a picture of {picture.shape[1::-1]}"
+                break
+
+
+def remake(store: Store, seed: int) -> str:
+    """Make the trial with ``seed`` again from its own recipe and compare the bytes.
+
+    Returns:
+        what differs; empty: nothing.
+
+    Raises:
+        EpisodeError: there is no such trial.
+    """
+    paths = [path for path in store.files() if path.stem == f"{seed:06d}"]
+    if not paths:
+        raise EpisodeError(f"no trial with seed {seed} in {store.root}")
+    before = store.read(paths[0])
+    made = make_episode(before.meta.recipe, seed)
+    meta = made.meta
+    content = made.content or (meta.model_dump_json() + "\n").encode()
+    if content == paths[0].read_bytes():
+        return ""
+    name = paths[0].relative_to(store.root)
+    builds = [Build(source=m.source, versions=m.versions) for m in (before.meta, meta)]
+    changes = builds[0].differences(builds[1])
+    if changes:
+        return f"{name}: other bytes, by other code. There | here: {'; '.join(changes)}"
+    first, second = (json.loads(m.model_dump_json()) for m in (before.meta, meta))
+    fields = [f"{k}: {first[k]} | {second[k]}" for k in first if first[k] != second[k]]
+    return f"{name}: other bytes by the same code. There | here: {'; '.join(fields) or 'frames'}"

@@ -1,0 +1,110 @@
+"""Pictures of episode after episode as mp4 files of a limited size."""
+
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import av
+
+from common.episodes.episode_file import Image
+from lab.errors import DatasetError
+
+CODEC, _ENCODER = "h264", "libx264"
+PIXELS = "yuv420p"
+"""What every decoder knows."""
+KEYFRAMES = 2
+"""Every second picture stands alone, so that any is found quickly; as lerobot does."""
+BT601, LIMITED = 6, 1
+"""SMPTE 170M, 16 to 235: said in the file, so that nobody needs to guess by the size."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where an episode is.
+
+    Attributes:
+        file: number of the file.
+        begin: time of its first picture [s].
+        end: time after its last [s].
+    """
+
+    file: int
+    begin: float
+    end: float
+
+
+class VideoFiles:
+    """Files of one eye, one after the other; a new one is begun only between episodes."""
+
+    def __init__(
+        self, folder: Path, size: tuple[int, int], rate: int, *, crf: int, limit: int
+    ) -> None:
+        """Prepare.
+
+        Args:
+            folder: of the files.
+            size: width and height; even numbers.
+            rate: pictures per second.
+            crf: quality, 0 best to 51.
+            limit: a file that is larger gets no more episodes [bytes].
+
+        Raises:
+            DatasetError: width or height is odd.
+        """
+        if size[0] % 2 or size[1] % 2:
+            raise DatasetError(
+                f"video needs an even width and height, got {size[0]}x{size[1]}; give other "
+                "--width and --height, or --pictures embedded"
+            )
+        self._folder, self._size, self._rate = folder, size, rate
+        self._crf, self._limit = crf, limit
+        self._file, self._frames = -1, 0
+        self._container: Any = None
+        self._stream: Any = None
+        self._begin = 0
+
+    def begin_episode(self) -> None:
+        """The next pictures belong to another episode than the last."""
+        if self._container is None or self._path().stat().st_size > self._limit:
+            self.close()
+            self._open()
+        self._begin = self._frames
+
+    def _path(self) -> Path:
+        return self._folder / f"file-{self._file:03d}.mp4"
+
+    def _open(self) -> None:
+        self._file += 1
+        self._frames = 0
+        self._path().parent.mkdir(parents=True, exist_ok=True)
+        self._container = av.open(str(self._path()), "w")
+        # Without B-frames the file's times begin with 0 for every decoder.
+        options = {"crf": str(self._crf), "g": str(KEYFRAMES), "bf": "0"}
+        stream = self._container.add_stream(_ENCODER, rate=self._rate, options=options)
+        stream.width, stream.height = self._size
+        stream.pix_fmt = PIXELS
+        stream.codec_context.time_base = Fraction(1, self._rate)
+        stream.codec_context.colorspace = BT601
+        stream.codec_context.color_range = LIMITED
+        self._stream = stream
+
+    def add(self, picture: Image) -> None:
+        """Append one picture (height, width, 3) RGB."""
+        whole = av.VideoFrame.from_ndarray(picture, format="rgb24")
+        frame = whole.reformat(format=PIXELS, interpolation="AREA")
+        frame.pts, frame.time_base = self._frames, Fraction(1, self._rate)
+        self._container.mux(self._stream.encode(frame))
+        self._frames += 1
+
+    def end_episode(self) -> Place:
+        """Where the episode's pictures are."""
+        return Place(self._file, self._begin / self._rate, self._frames / self._rate)
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._container is None:
+            return
+        self._container.mux(self._stream.encode(None))
+        self._container.close()
+        self._container = None

@@ -1,0 +1,1 @@
+"""Live runs: the demo, driving by keyboard, trials of a task."""

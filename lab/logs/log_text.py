@@ -1,0 +1,177 @@
+"""A log's table of contents, for a person."""
+
+import time
+from collections.abc import Iterable
+from dataclasses import asdict
+from typing import Any
+
+from services.logger.read.counts import total
+from services.logger.read.episodes import Episode
+from services.logger.read.info import LogInfo, PartInfo, TopicInfo
+from services.logger.record.units import format_duration, format_size
+from services.logger.repair.repair import Repair
+
+_MAX_LINKS = 20
+
+
+def info_lines(info: LogInfo) -> list[str]:
+    """Everything ``trill info`` prints, section by section."""
+    sections = [_head(info), _services(info), _topics(info), _episodes(info), _links(info)]
+    lines = [line for section in sections if section for line in (*section, "")]
+    return lines[:-1]
+
+
+def as_json(info: LogInfo) -> dict[str, Any]:
+    """The same for a program."""
+    return {
+        "parts": [asdict(part) | {"path": str(part.path)} for part in info.parts],
+        "whole": info.whole,
+        "topics": [
+            asdict(one) | {"rate": one.rate, "sent": one.count.sent, "missing": one.count.missing}
+            for one in info.topics
+        ],
+        "services": info.lives,
+        "episodes": [asdict(one) for one in info.episodes],
+        "links": [
+            {"at_ns": one.at_ns, **one.change.model_dump(exclude={"header"})} for one in info.links
+        ],
+    }
+
+
+def repair_lines(done: Repair) -> list[str]:
+    """What became of one file."""
+    if not done.fault:
+        if done.result != done.path:
+            return [f"{done.path} is whole; copied to {done.result}"]
+        return [f"{done.path} is whole; nothing was changed"]
+    losses = done.losses
+    lines = [f"{done.path}: {done.fault}", f"  saved {done.messages} messages to {done.result}"]
+    if losses.partial_messages:
+        lines.append(f"  {losses.partial_messages} of them from a chunk that was cut off")
+    if losses.damaged_chunks or losses.skipped or done.unknown:
+        lines.append(
+            f"  not readable: {losses.damaged_chunks} damaged chunks, {losses.skipped} bytes "
+            f"without meaning, {done.unknown} messages of unknown topics"
+        )
+    count = total(done.report)
+    lines.append(f"  account: {count.sent} sent, {count.missing} of them missing")
+    if done.kept is not None:
+        lines.append(f"  the broken file is kept as {done.kept}")
+    return lines
+
+
+def _head(info: LogInfo) -> list[str]:
+    first, last = info.parts[0], info.parts[-1]
+    origin = info.origin
+    size = sum(part.size for part in info.parts)
+    messages = sum(part.messages for part in info.parts)
+    lines = [
+        f"robot      {origin.get('robot', 'not known')}, recorded on "
+        f"{origin.get('host', 'an unknown host')}",
+        f"start      {_wall(first, first.start_ns)}",
+        f"end        {_wall(last, last.end_ns)}",
+        f"duration   {format_duration(_seconds(info))}  ({messages} messages, {format_size(size)})",
+        "file       " + "\n           ".join(_part_line(part) for part in info.parts),
+    ]
+    chosen = [f"{n} {origin[n]}" for n in ("topics", "exclude") if origin.get(n)]
+    if chosen:
+        lines.append(f"selection  {'; '.join(chosen)}")
+    return lines
+
+
+def _part_line(part: PartInfo) -> str:
+    if part.whole:
+        state = "whole, repaired" if part.repaired else "whole"
+    elif part.open:
+        state = "being recorded"
+    else:
+        state = "CUT OFF OR DAMAGED: trill repair makes it whole"
+    return f"{part.path}  {format_size(part.size)}, {part.messages} messages, {state}"
+
+
+def _services(info: LogInfo) -> list[str]:
+    if not info.lives:
+        return []
+    lines = ["services"]
+    for source, boots in sorted(info.lives.items()):
+        again = f", started {len(boots)} times" if len(boots) > 1 else ""
+        lines.append(f"  {source or '(unnamed)'}: boot {', '.join(map(_boot, boots))}{again}")
+    return lines
+
+
+def _boot(boot: int) -> str:
+    return f"{boot:016x}"[:8]
+
+
+def _topics(info: LogInfo) -> list[str]:
+    if not info.topics:
+        return ["no messages"]
+    width = max(len("topic"), *(len(topic.key) for topic in info.topics))
+    lines = [
+        f"{'topic':<{width}} {'messages':>9} {'rate':>9} {'size':>9} {'lost':>7} {'dropped':>7}"
+        "  schema"
+    ]
+    lines += [_topic_line(topic, width) for topic in info.topics]
+    count = total({topic.key: topic.count for topic in info.topics})
+    lines.append(
+        f"sent {count.sent} = recorded {count.recorded} + lost on the way {count.lost} + "
+        f"dropped by the logger {count.dropped}"
+        + (f"; {count.repeated} came twice" if count.repeated else "")
+        + (f"; {count.late} came late" if count.late else "")
+        + (f"; {count.earlier} sent before the recorder heard" if count.earlier else "")
+    )
+    return lines
+
+
+def _topic_line(topic: TopicInfo, width: int) -> str:
+    return (
+        f"{topic.key:<{width}} {topic.messages:>9} {topic.rate:>6.1f} Hz "
+        f"{format_size(topic.count.bytes):>9} {topic.count.lost:>7} {topic.count.dropped:>7}"
+        f"  {', '.join(topic.schemas) or '-'}"
+    )
+
+
+def _episodes(info: LogInfo) -> list[str]:
+    if not info.episodes:
+        return []
+    begin = info.parts[0].start_ns
+    lines = [f"{'episode':>7} {'start':>9} {'length':>9}  {'outcome':<11} label"]
+    lines += [_episode_line(one, begin, info.parts[-1].end_ns) for one in info.episodes]
+    return lines
+
+
+def _episode_line(one: Episode, begin_ns: int, end_ns: int) -> str:
+    length = one.seconds if one.end_ns else 1e-9 * max(0, end_ns - one.start_ns)
+    start = 1e-9 * (one.start_ns - begin_ns)
+    return f"{one.episode:>7} {start:>8.2f}s {length:>8.2f}s  {one.outcome:<11} {one.label}"
+
+
+def _links(info: LogInfo) -> list[str]:
+    if not info.links:
+        return []
+    begin = info.parts[0].start_ns
+    lines = ["injected links"]
+    for link in info.links[:_MAX_LINKS]:
+        change = link.change
+        before = f" (before: {change.previous})" if change.previous else ""
+        lines.append(
+            f"  {1e-9 * (link.at_ns - begin):>8.2f}s {change.service}:{change.topic} = "
+            f"{change.link or 'nothing'}{before} {change.reason}".rstrip()
+        )
+    if len(info.links) > _MAX_LINKS:
+        lines.append(f"  … {len(info.links) - _MAX_LINKS} more")
+    return lines
+
+
+def _seconds(info: LogInfo) -> float:
+    spans: Iterable[int] = (part.end_ns - part.start_ns for part in info.parts)
+    # Two parts of a machine that was started again in between have clocks of their own.
+    begin, end = info.parts[0].start_ns, info.parts[-1].end_ns
+    return 1e-9 * (end - begin if end >= begin else sum(spans))
+
+
+def _wall(part: PartInfo, at_ns: int) -> str:
+    wall = part.wall_ns(at_ns)
+    if not wall or not at_ns:
+        return "not known"
+    return time.strftime("%Y-%m-%d %H:%M:%S %z", time.localtime(1e-9 * wall))

@@ -1,0 +1,132 @@
+"""What ``trill tasks`` prints and draws."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from common.links.spec import PRESETS
+from lab.errors import LabError
+from services.sim.model.world import build_model
+from services.sim.scenes import SCENES
+from services.sim.tasks import Task, all_tasks
+from services.sim.tasks.touch import thing_of
+
+PICTURES = Path("docs/tasks")
+
+
+def sheet_name(task: str) -> str:
+    """File name of the pictures of a task done."""
+    return f"{task.replace('/', '-')}.jpg"
+
+
+def task_table(tasks: list[Task]) -> Table:
+    """The tasks at a glance; the last column names pictures of a success of each."""
+    table = Table(show_lines=True)
+    for title in ("task", "goal", "limit", "a success if", f"in {PICTURES}"):
+        table.add_column(title, overflow="fold")
+    for column in (0, 2, 4):
+        table.columns[column].no_wrap = True
+    for task in tasks:
+        table.add_row(task.name, task.goal, f"{task.limit:g} s", task.rule, sheet_name(task.name))
+    return table
+
+
+def describe(task: Task) -> str:
+    """Everything about one task, in plain text."""
+    scene = SCENES[task.scene]
+    stages = [
+        f"  {i}. {stage.name}"
+        + (f", for {stage.hold:g} s" if stage.hold else "")
+        + (f", after: {stage.after}" if stage.after else "")
+        + (" (part of the task)" if stage.counts else "")
+        for i, stage in enumerate(task.stages, start=1)
+    ]
+    noise = "typical state noise" if task.noise.position else "no state noise"
+    lines = [
+        f"{task.name}: {task.goal}",
+        "",
+        f"scene       {scene.name}: {scene.doc}",
+        f"time limit  {task.limit:g} s from the first command that the plant applies",
+        f"success     {task.rule}",
+        "partial     the goal with an undesired contact, or some part of the task in time",
+        "failure     a fall, or nothing done in time"
+        + "".join(f", or: {wrong.name}" for wrong in task.wrongs),
+        f"conditions  {noise}" + _own_link(task),
+        f"origin      {task.origin}",
+        f"pictures    {PICTURES / sheet_name(task.name)} (a success of the synthetic operator), "
+        f"{PICTURES / task.scene}.jpg (the scene)",
+        "",
+        "stages, the last is the goal:",
+        *stages,
+        "",
+        "desired contacts (every other one of robot and scene is undesired):",
+        *([f"  {pair}" for pair in sorted(task.desired)] or ["  none"]),
+        "",
+        f"undesired contacts, for instance: {', '.join(_undesired(task))}",
+        f"operators see: {', '.join((*task.objects, *task.joints, *task.marks))}",
+    ]
+    return "\n".join(lines)
+
+
+def _own_link(task: Task) -> str:
+    if not task.link:
+        return "; no link of its own"
+    links = "; ".join(f"{name}={spec}" for name, spec in task.links.items())
+    meant = PRESETS.get(task.link)
+    return f"; link: {links}{f', that is {meant},' if meant else ''} unless others are given"
+
+
+def _undesired(task: Task) -> list[str]:
+    """Every undesired pair that the scene has, the likeliest parts first."""
+    model = build_model(task.scene, looks=False)
+    # The robot's shapes have the first of the collision bits.
+    reachable = (model.geom_contype | model.geom_conaffinity) & 1
+    names = [model.geom(i).name for i in range(model.ngeom) if reachable[i]]
+    things = dict.fromkeys(thing_of(name) for name in names if "." in name)
+    likely = ("wrist", "elbow", "knee", "foot", "chest", "finger")
+    wanted = {str(pair) for pair in task.desired}
+    every = [f"{part} on {thing}" for thing in things for part in likely]
+    return [pair for pair in every if pair not in wanted]
+
+
+def physics_table() -> str:
+    """Masses, frictions and springs of all scenes, as Markdown."""
+    lines: list[str] = []
+    for scene in SCENES.values():
+        if not scene.physics:
+            continue
+        lines += [
+            f"## {scene.name}: {scene.doc}",
+            "",
+            "| quantity | value | why |",
+            "|---|---|---|",
+        ]
+        lines += [
+            f"| {row.what} | {f'{row.value:g} {row.unit}'.strip()} | {row.why} |"
+            for row in scene.physics
+        ]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def draw(console: Console, directory: Path) -> None:
+    """Draw every scene into a directory, with a progress bar.
+
+    Raises:
+        RenderingUnavailableError: there is no off-screen OpenGL.
+        LabError: the directory cannot be written.
+    """
+    # Needs OpenGL and is only wanted here.
+    from services.sim.rendering.task_sheet import write_sheets
+
+    scenes = {task.scene for task in all_tasks().values()}
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("drawing the scenes", total=len(scenes))
+        try:
+            for path in write_sheets(directory):
+                progress.advance(bar)
+                progress.console.print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
+        except OSError as error:
+            raise LabError(f"cannot write in {directory}: {error.strerror}") from error

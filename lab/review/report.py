@@ -1,0 +1,202 @@
+"""After a run: summary, pictures and a short report, all from the log."""
+
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+from common.errors import TrillError
+from common.files import write_whole
+from common.transport.keys import topic_of
+from deploy.launch import Ended, Verdict
+from deploy.system import LOG_FILE, versions
+from lab.errors import LabError
+from lab.review.film import Film, gather
+from lab.review.run_summary import RunSummary, ServiceTiming
+from lab.review.scoring import commanded_motions
+from lab.review.summary import summarise
+from lab.review.summary_readers import LogFindings
+from lab.review.task_summary import trial_lines
+from services.logger.read.reader import LogReader
+from services.wbc.config import GaitConfig
+
+SUMMARY_FILE = "summary.json"
+SHEET_FILE = "contact_sheet.png"
+VIDEO_FILE = "video.mp4"
+
+
+def finish(ended: Ended, settings: dict[str, str], *, pictures: bool, video: bool) -> RunSummary:
+    """Sum up a finished run, print the report, draw the pictures.
+
+    Raises:
+        LoggerError: there is no readable log.
+        LabError: the summary cannot be written.
+    """
+    print("reading the log", flush=True)
+    summary = write_summary(ended.run_dir, ended.verdict, settings)
+    print("\n".join(report_lines(summary)), flush=True)
+    troubles = draw_pictures(ended.run_dir, video=video) if pictures else []
+    for trouble in troubles:
+        print(trouble)
+    print("\n".join(file_lines(ended.run_dir)), flush=True)
+    return summary
+
+
+def known_verdict(run_dir: Path) -> tuple[Verdict, dict[str, str]]:
+    """Verdict and settings of a run that was summed up before; else "unknown" and none."""
+    path = run_dir / SUMMARY_FILE
+    try:
+        known = RunSummary.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return Verdict("unknown", "nothing but the log is left"), {}
+    return Verdict(known.outcome, known.reason), known.environment
+
+
+def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> RunSummary:
+    """Sum up the run's log into ``summary.json``; ``settings`` are kept with the versions.
+
+    Raises:
+        LoggerError: there is no readable log.
+        LabError: the summary cannot be written.
+    """
+    reader = LogReader(run_dir / LOG_FILE)
+    summary = summarise(
+        reader.messages(),
+        about_log=lambda: _findings(reader),
+        outcome=verdict.outcome,
+        reason=verdict.reason,
+        environment={**versions(), **settings},
+    )
+    path = run_dir / SUMMARY_FILE
+    try:
+        # Whole: the verdict is nowhere else, and a full disk must not take it.
+        write_whole(path, (summary.model_dump_json(indent=2) + "\n").encode())
+    except OSError as error:
+        raise LabError(f"cannot write {path}: {error.strerror}") from error
+    return summary
+
+
+def _findings(reader: LogReader) -> LogFindings:
+    """What ``reader`` knows once it has read to the end."""
+    dropped: Counter[str] = Counter()
+    for key, count in reader.report.items():
+        topic = topic_of(reader.origin.get("robot", ""), key)
+        if topic is not None:
+            dropped[topic.name] += count.dropped
+    return LogFindings(dropped=dropped, refused=reader.refused, truncated=reader.truncated)
+
+
+def draw_pictures(run_dir: Path, *, video: bool) -> list[str]:
+    """Render contact sheet and video; returns what could not be done, in words.
+
+    Pictures are a bonus: without a graphics library the run is as good, so nothing is raised.
+    """
+    try:
+        from lab.review.pictures import write_contact_sheet, write_video
+    except ImportError as error:
+        return [f"no pictures: {error}; install the extras with  pip install -e '.[deploy,sim]'"]
+    film: Film = gather(LogReader(run_dir / LOG_FILE).messages())
+    commanded = commanded_motions(GaitConfig())
+    with _bar() as bar:
+        sheet = bar.add_task("contact sheet", total=None)
+        try:
+            write_contact_sheet(
+                run_dir / SHEET_FILE,
+                film,
+                commanded,
+                lambda done, total: bar.update(sheet, completed=done, total=total),
+            )
+            if video:
+                task = bar.add_task("video (Ctrl-C to go without)", total=None)
+                write_video(
+                    run_dir / VIDEO_FILE,
+                    film,
+                    lambda done, total: bar.update(task, completed=done, total=total),
+                )
+        except TrillError as error:
+            return [f"no pictures: {error}"]
+        except KeyboardInterrupt:
+            return ["pictures were stopped half-way"]
+    return []
+
+
+@contextmanager
+def _bar() -> Iterator[Progress]:
+    with Progress(
+        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
+    ) as bar:
+        yield bar
+
+
+def report_lines(summary: RunSummary) -> list[str]:
+    """The report for a person, line by line."""
+    walk, plant, tracking = summary.walk, summary.plant, summary.tracking
+    total = summary.gaits["total"]
+    lines = [
+        f"outcome        {summary.outcome}"
+        + (f": {summary.reason.splitlines()[0]}" if summary.reason else ""),
+        *trial_lines(summary.trials),
+        f"robot time     {summary.duration:.1f} s at real-time factor {plant.real_time_factor:.3f}"
+        f" (worst second {plant.real_time_factor_worst:.3f}), falls {plant.falls}",
+        f"gaits          {total.completed} completed of {total.accepted} accepted and "
+        f"{total.requested} requested; {total.refused} refusals"
+        + "".join(
+            f"\n               {name.replace('_', ' '):<11} {tally.completed}/{tally.requested}"
+            f"{_means(summary, name)}"
+            for name, tally in summary.gaits.items()
+            if name != "total"
+        ),
+        f"walked         {walk.distance:.3f} m of {walk.commanded_distance:.3f} m commanded, "
+        f"turned {walk.turn_deg:+.1f} deg of {walk.commanded_turn_deg:+.1f}; "
+        f"ended {1e3 * walk.end_error:.0f} mm from the commanded place",
+        f"hands          off by {tracking.hand_position_mm.median:.1f} mm (p99 "
+        f"{tracking.hand_position_mm.p99:.1f}), {tracking.hand_rotation_deg.median:.1f} deg (p99 "
+        f"{tracking.hand_rotation_deg.p99:.1f})",
+        f"age at torque  {plant.age_at_torque_median_ms:.1f} ms (p99 "
+        f"{plant.age_at_torque_p99_ms:.1f}, worst second {plant.age_at_torque_p99_worst_ms:.1f}); "
+        f"commands refused {plant.commands_refused}, holds {plant.holds}",
+    ]
+    lines += [_service_line(name, service) for name, service in summary.services.items()]
+    gaps = sum(topic.gaps for topic in summary.topics.values())
+    dropped = sum(topic.dropped for topic in summary.topics.values())
+    count = sum(topic.messages for topic in summary.topics.values())
+    lines.append(
+        f"log            {count} messages, {gaps} missing, {dropped} dropped by logger"
+        + ("; truncated: its end was never written" if summary.log_truncated else "")
+    )
+    return lines
+
+
+def file_lines(run_dir: Path) -> list[str]:
+    """What the run left behind, line by line."""
+    return [
+        f"{'files' if number == 0 else '':<14} {run_dir / name}"
+        for number, name in enumerate((LOG_FILE, SUMMARY_FILE, SHEET_FILE, VIDEO_FILE, "logs"))
+        if (run_dir / name).exists()
+    ]
+
+
+def _means(summary: RunSummary, gait: str) -> str:
+    """Mean motion of one gait type, along what it was commanded."""
+    runs = [r for r in summary.gait_runs if r.gait == gait and r.outcome == "completed"]
+    if not runs:
+        return ""
+    first = runs[0]
+    for name, value, wanted, unit in (
+        ("forward", [r.forward for r in runs], first.commanded_forward, "m"),
+        ("left", [r.left for r in runs], first.commanded_left, "m"),
+        ("turn", [r.turn_deg for r in runs], first.commanded_turn_deg, "deg"),
+    ):
+        if wanted:
+            return f"  {name} {sum(value) / len(value):+.3f} {unit} of {wanted:+.3f}"
+    return ""
+
+
+def _service_line(name: str, service: ServiceTiming) -> str:
+    return (
+        f"{name:<14} loop {service.step_median_ms:.2f} ms (p99 {service.step_p99_ms:.2f}) of "
+        f"{service.period_ms:.0f}, missed {service.deadline_misses} of {service.steps}, "
+        f"CPU {100 * service.cpu:.0f} %, {service.realtime}"
+    )

@@ -1,0 +1,63 @@
+"""How old what a service acted on was, from its journal. Pure."""
+
+from collections import defaultdict
+
+import numpy as np
+
+from common.journal.journal import STEP_COLUMNS, TAKE_COLUMNS, UNKNOWN, Take, read_tables
+from common.schemas import StepJournal
+
+_NOW = STEP_COLUMNS.index("now")
+_COLUMN = {name: number for number, name in enumerate(TAKE_COLUMNS)}
+
+Input = tuple[str, str]
+"""Consumer and topic."""
+
+
+class Latencies:
+    """Latency of each input: from sending a message to the step of the consumer that acted on it.
+
+    Of several messages that one step took in it acted on the newest. Messages whose sender's clock
+    is not known are left out.
+    """
+
+    def __init__(self) -> None:
+        self._found: defaultdict[Input, list[float]] = defaultdict(list)
+        self._lost: defaultdict[Input, int] = defaultdict(int)
+
+    def add(self, journal: StepJournal) -> None:
+        """Take in a journal.
+
+        Raises:
+            SchemaError: it contradicts itself.
+        """
+        steps, takes = read_tables(journal)
+        for number, stream in enumerate(journal.streams):
+            at = (journal.service, stream.topic)
+            mine = takes[takes[:, _COLUMN["stream"]] == number]
+            kinds = mine[:, _COLUMN["kind"]]
+            self._lost[at] += int((kinds == Take.LOST).sum())
+            known = mine[:, _COLUMN["offset"]] != UNKNOWN
+            used = mine[(kinds == Take.APPLIED) & known]
+            sent_at = used[:, _COLUMN["sent"]] + used[:, _COLUMN["offset"]]
+            newest: dict[int, int] = {}
+            for step, sent in zip(used[:, 0].tolist(), sent_at.tolist(), strict=True):
+                newest[step] = max(sent, newest.get(step, sent))
+            self._found[at] += [
+                1e-9 * (int(steps[step, _NOW]) - sent) for step, sent in newest.items()
+            ]
+
+    def of(self, consumer: str, topic: str) -> list[float]:
+        """The latencies of one input in the order of time [s]."""
+        return list(self._found.get((consumer, topic), ()))
+
+    def lost(self, consumer: str, topic: str) -> int:
+        """Messages its link lost on purpose."""
+        return self._lost.get((consumer, topic), 0)
+
+
+def mean_p99(latencies: list[float]) -> tuple[float, float] | None:
+    """Mean and 99th percentile; None: there are none."""
+    if not latencies:
+        return None
+    return float(np.mean(latencies)), float(np.percentile(latencies, 99))

@@ -1,0 +1,49 @@
+"""Results of trials as text."""
+
+import statistics
+from collections import Counter
+from collections.abc import Sequence
+
+from lab.trials.links import links_words
+from lab.trials.stack import TrialResult
+
+
+def line(result: TrialResult) -> str:
+    """One trial in one line."""
+    gave_up = f"; the operator gave up: {result.gave_up}" if result.gave_up else ""
+    doing = "" if result.verdict == "success" else f" ({result.doing})"
+    return (
+        f"{result.task} seed {result.seed}: {result.verdict} at {result.time:.1f} s: "
+        f"{result.reason}{doing}{gave_up}"
+    )
+
+
+def summary(results: Sequence[TrialResult]) -> str:
+    """A table with a row a task, then what was not a success and why."""
+    rows = [
+        "| task | link | trials | success | partial | failure | time of successes [s] | speed |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for task in dict.fromkeys(result.task for result in results):
+        rows.append(_row(task, [result for result in results if result.task == task]))
+    reasons = Counter(
+        f"{result.task} {result.verdict}: {result.reason}"
+        for result in results
+        if result.verdict != "success"
+    )
+    rows += ["", *(f"{count} x {reason}" for reason, count in reasons.most_common())]
+    return "\n".join(rows).rstrip()
+
+
+def _row(task: str, results: Sequence[TrialResult]) -> str:
+    count = Counter(result.verdict for result in results)
+    times = [result.time for result in results if result.verdict == "success"]
+    spread = (
+        f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else ""
+    )
+    links = ", ".join(dict.fromkeys(links_words(result.links) for result in results))
+    speed = sum(r.simulated for r in results) / max(1e-9, sum(r.wall for r in results))
+    return (
+        f"| {task} | {links} | {len(results)} | {count['success']} | {count['partial']} "
+        f"| {count['failure']} | {spread} | {speed:.2f} x |"
+    )

@@ -1,0 +1,1 @@
+"""Runs a task many times in simulated time."""

@@ -1,0 +1,46 @@
+"""What a log consists of besides messages: its profile, metadata records and compression."""
+
+import errno
+import shutil
+from pathlib import Path
+
+from mcap.writer import CompressionType
+
+from services.logger.errors import LoggerError
+
+PROFILE = "trill"
+START_METADATA = "recording"
+"""How the recording was made; the first record of each part."""
+CARRIED_METADATA = "carried"
+"""In a part that continues another: the account of all before it, and the open episode."""
+DROPS_METADATA = "drops"
+"""What the logger had to drop since the last such record."""
+EPISODE_METADATA = "episode"
+"""One finished episode."""
+ACCOUNT_METADATA = "account"
+"""At the end: every sequence number, as runs, of the recording up to here."""
+REPORT_METADATA = "report"
+"""At the end: counts by key of the recording up to here."""
+REPAIR_METADATA = "repair"
+"""Written by the repair: what was saved, what could not be."""
+
+COMPRESSION = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+
+
+def write_error(path: Path, error: OSError) -> LoggerError:
+    """Return the error that says what to do about ``error`` in writing ``path``."""
+    if isinstance(error, FileExistsError) and error.filename == str(path):
+        return LoggerError(f"{path} exists already; give a new --out directory")
+    cure = "give a writable --out directory"
+    if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
+        cure = f"free some space ({_room(path)}); what was flushed before stays readable"
+    return LoggerError(f"cannot write the log {path}: {error.strerror or error}; {cure}")
+
+
+def _room(path: Path) -> str:
+    free = shutil.disk_usage(path.parent).free
+    return f"{free / 2**20:.0f} MiB free in {path.parent}"

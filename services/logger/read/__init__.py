@@ -1,0 +1,1 @@
+"""Reads logs: messages, index, losses, episodes; damaged ones too."""

@@ -1,0 +1,1 @@
+"""Records every message on the bus into an MCAP log."""

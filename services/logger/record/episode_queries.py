@@ -1,0 +1,67 @@
+"""Tells who asks which episode is running, and which number the next one gets."""
+
+from typing import Any
+
+import msgpack
+import zenoh
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from services.logger.record.recorder import Recorder
+
+
+class EpisodeQueryState(BaseModel):
+    """One recorder's answer."""
+
+    model_config = ConfigDict(frozen=True)
+
+    path: str
+    next_number: int
+    open_number: int | None
+    open_label: str = ""
+    finished: int
+
+
+class EpisodeQueryServer:
+    """Answers queries on ``<robot>/episodes/<recorder>``; publishes nothing of itself."""
+
+    def __init__(self, session: "zenoh.Session", robot: str, recorder: Recorder) -> None:
+        """Begin to answer for ``recorder``."""
+        key = f"{robot}/episodes/{session.info.zid()}"
+
+        def reply(query: Any) -> None:
+            with query:
+                query.reply(key, msgpack.packb(state_of(recorder).model_dump()))
+
+        self._queryable: Any = session.declare_queryable(key, reply)
+
+    def close(self) -> None:
+        """Answer no more; the session must still be open."""
+        self._queryable.undeclare()
+
+
+def state_of(recorder: Recorder) -> EpisodeQueryState:
+    """How ``recorder`` stands."""
+    book = recorder.episodes
+    running = book.open
+    return EpisodeQueryState(
+        path=str(recorder.path.absolute()),
+        next_number=book.next_number,
+        open_number=None if running is None else running.episode,
+        open_label="" if running is None else running.label,
+        finished=len(book.finished),
+    )
+
+
+def ask(session: "zenoh.Session", robot: str, timeout: float = 2.0) -> list[EpisodeQueryState]:
+    """How the recorders of ``robot`` stand; answers that are none are passed over."""
+    states = []
+    for reply in session.get(f"{robot}/episodes/*", target=zenoh.QueryTarget.ALL, timeout=timeout):
+        if reply.ok is None:
+            continue
+        try:
+            states.append(
+                EpisodeQueryState.model_validate(msgpack.unpackb(reply.ok.payload.to_bytes()))
+            )
+        except (ValidationError, ValueError, msgpack.exceptions.UnpackException):
+            continue
+    return states

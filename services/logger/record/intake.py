@@ -1,0 +1,54 @@
+"""The bounded queue between the bus and the writer's thread."""
+
+import threading
+
+from common.transport.tap import RawSample
+from common.wire.header import wire_header
+from services.logger.read.tally import Tally
+
+
+class Intake:
+    """FIFO bounded by messages and by bytes; what does not fit is dropped and accounted for.
+
+    The newest is dropped, not the oldest, so that what is recorded has one gap, not many. The
+    header of what is dropped is read all the same, so that the account stays exact.
+    """
+
+    def __init__(self, max_messages: int, max_bytes: int) -> None:
+        """Make an empty queue that holds at most ``max_messages`` and ``max_bytes``."""
+        self._max_messages = max_messages
+        self._max_bytes = max_bytes
+        self._lock = threading.Lock()
+        self._queue: list[RawSample] = []
+        self._bytes = 0
+        self._drops = Tally()
+        self.dropped = 0
+        """Messages dropped so far."""
+
+    def offer(self, sample: RawSample) -> bool:
+        """Append ``sample``; False if it was dropped."""
+        size = len(sample.payload)
+        with self._lock:
+            if len(self._queue) < self._max_messages and self._bytes + size <= self._max_bytes:
+                self._queue.append(sample)
+                self._bytes += size
+                return True
+        header = wire_header(sample.payload)
+        with self._lock:
+            self._drops.drop(sample.key, header)
+            self.dropped += 1
+        return False
+
+    def take(self) -> list[RawSample]:
+        """Empty the queue, oldest first; returns at once."""
+        with self._lock:
+            taken, self._queue, self._bytes = self._queue, [], 0
+        return taken
+
+    def take_drops(self) -> Tally:
+        """What was dropped since the last call."""
+        with self._lock:
+            if not self._drops:
+                return self._drops
+            taken, self._drops = self._drops, Tally()
+        return taken

@@ -1,0 +1,78 @@
+"""What a person at the terminal sees of a running recording."""
+
+import logging
+import shutil
+import time
+from typing import TextIO
+
+from services.logger.record.recorder import Recorder
+from services.logger.record.units import format_duration, format_size
+
+_log = logging.getLogger("trill.logger")
+
+PERIOD = 0.5
+"""Between status lines [s]."""
+_WARN_PERIOD = 60.0
+
+
+class Status:
+    """A line that is written over itself, and a warning when the disk gets low."""
+
+    def __init__(self, recorder: Recorder, low_disk: int, stream: TextIO, *, live: bool) -> None:
+        """Show ``recorder`` on ``stream``; without ``live`` only warnings are given."""
+        self._recorder = recorder
+        self._low_disk = low_disk
+        self._stream = stream
+        self._live = live
+        self._began = self._then = time.monotonic()
+        self._messages = self._bytes = 0
+        self._warned_at = -_WARN_PERIOD
+        self._width = 0
+
+    def update(self, now: float) -> None:
+        """Look again if it is time to; ``now`` is monotonic [s]."""
+        if now - self._then < PERIOD:
+            return
+        free = shutil.disk_usage(self._recorder.path.parent).free
+        messages, size = self._recorder.messages, self._recorder.bytes
+        seconds = now - self._then
+        rate = (size - self._bytes) / seconds
+        if free < self._low_disk and now - self._warned_at >= _WARN_PERIOD:
+            self._warned_at = now
+            self.end()
+            _log.warning("%s", low_disk_text(free, rate, str(self._recorder.path.parent)))
+        if self._live:
+            line = status_line(
+                self._recorder, now - self._began, (messages - self._messages) / seconds, rate, free
+            )
+            self._stream.write("\r" + line.ljust(self._width))
+            self._stream.flush()
+            self._width = len(line)
+        self._then, self._messages, self._bytes = now, messages, size
+
+    def end(self) -> None:
+        """Leave the line standing."""
+        if self._width:
+            self._stream.write("\n")
+            self._stream.flush()
+            self._width = 0
+
+
+def status_line(recorder: Recorder, seconds: float, messages: float, rate: float, free: int) -> str:
+    """One line: time, rates, size, what is missing, free disk, the running episode."""
+    running = recorder.episodes.open
+    episode = "" if running is None else f"  episode {running.episode} {running.label}".rstrip()
+    return (
+        f"{format_duration(seconds)}  {messages:.0f} msg/s  {format_size(rate)}/s  "
+        f"{format_size(recorder.bytes)}  lost {recorder.lost}  "
+        f"dropped {recorder.intake.dropped}  free {format_size(free)}{episode}"
+    )
+
+
+def low_disk_text(free: int, rate: float, where: str) -> str:
+    """The warning, with the time left at the present rate [bytes/s]."""
+    left = f", at this rate for {format_duration(free / rate)}" if rate > 0 else ""
+    return (
+        f"the disk is nearly full: {format_size(free)} free in {where}{left}; when it is full the "
+        "recording ends, and what was written stays readable"
+    )

@@ -1,0 +1,1 @@
+"""Makes damaged logs whole and verifies logs."""

@@ -1,0 +1,1 @@
+"""Opens logs in the Rerun viewer."""

@@ -1,0 +1,175 @@
+"""Opens a log in Rerun: exported, with the robot's looks and a layout, kept beside the log."""
+
+import importlib.util
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from services.logger.export.convert import Progress, Summary, export_log
+from services.logger.export.errors import ExportError
+from services.logger.read.parts import existing_parts
+
+APPLICATION = "trill"
+SUFFIX = "-view.rrd"
+SETPOINT_RADIUS = 0.035
+"""Of the spheres that show where the hands should be [m]."""
+_SIDE_COLOURS = {"left": (78, 121, 167), "right": (242, 142, 43)}
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A recording that Rerun can open.
+
+    Attributes:
+        path: the .rrd file.
+        summary: what the export left; None if an earlier file was taken.
+    """
+
+    path: Path
+    summary: Summary | None
+
+
+def require_rerun() -> None:
+    """Make sure that Rerun can be imported.
+
+    Raises:
+        ExportError: it is not installed.
+    """
+    if importlib.util.find_spec("rerun") is None:
+        raise ExportError(
+            "Rerun is not installed; pip install 'trill[view]' (or -e '.[view]' in a checkout; "
+            "170 MB), or `trill export` the log and open it in another viewer"
+        )
+
+
+def prepare(log: Path, *, fresh: bool, progress: Progress) -> Prepared:
+    """Turn ``log`` into a Rerun recording, or find the one made before.
+
+    It lies beside the log, or in the temporary directory where that cannot be written, and is made
+    anew when the log has grown, or for ``fresh``.
+
+    Raises:
+        LoggerError: there is no readable log.
+        ExportError: it cannot be converted.
+    """
+    require_rerun()
+    place = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
+    path = place / f"{log.stem}{SUFFIX}"
+    if not fresh and _newer(path, existing_parts(log)):
+        return Prepared(path, None)
+    with tempfile.TemporaryDirectory(prefix="trill-view-", dir=place) as work:
+        exported = Path(work) / "exported.mcap"
+        summary = export_log(log, exported, progress=progress)
+        unfinished = Path(work) / path.name
+        write_recording(exported, unfinished, name=log.parent.name)
+        unfinished.replace(path)
+    return Prepared(path, summary)
+
+
+def write_recording(exported: Path, path: Path, name: str) -> None:
+    """Write an exported file as a Rerun recording, with what only Rerun's own format can hold.
+
+    Args:
+        exported: made by :func:`export_log`.
+        path: the .rrd file to write.
+        name: what the viewer calls it.
+    """
+    import rerun as rr
+    from rerun.chunk import McapReader, OptimizationProfile
+
+    from services.logger.view.layout import blueprint
+
+    # Heartbeats are many and show nothing that the ages of the links do not.
+    reader = McapReader(exported, exclude_topic_regex=["^/heartbeat/"])
+    recording = rr.RecordingStream(APPLICATION, recording_id=name)
+    topics = [channel.topic for channel in reader.info().channels]
+    recording.save(path, default_blueprint=blueprint(topics))
+    recording.send_recording_name(name)
+    _log_shapes(recording)
+    # The importer makes thousands of small chunks, which browsers take a minute to swallow.
+    store = reader.stream().collect(optimize=OptimizationProfile.LIVE)
+    rr.send_chunks(store, recording=recording)
+    recording.flush()
+    recording.disconnect()
+
+
+def show(path: Path) -> int:
+    """Open the native viewer and wait until it is closed; returns its exit code."""
+    return subprocess.run([*_COMMAND, str(path)], env=_environment(), check=False).returncode
+
+
+def show_in_browser(path: Path, port: int, tell: Tell) -> None:
+    """Serve the recording and the web viewer on this machine until interrupted.
+
+    Args:
+        path: the .rrd file.
+        port: of the loopback interface; 0: any free one.
+        tell: told the address to open.
+
+    Raises:
+        ExportError: the port is taken, or Rerun does not work.
+    """
+    from services.logger.view.webview import WebView, viewer_pages
+
+    view = WebView(path, viewer_pages(_COMMAND, _environment()), port)
+    tell(view.url)
+    view.serve()
+
+
+def has_display() -> bool:
+    """Whether a window could be opened here."""
+    return sys.platform != "linux" or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )
+
+
+_COMMAND = (sys.executable, "-m", "rerun_cli")
+
+
+def _environment() -> dict[str, str]:
+    # Rerun takes this for a test machine and sends no usage statistics, whatever was configured.
+    return {**os.environ, "CI": "1"}
+
+
+def _newer(path: Path, parts: list[Path]) -> bool:
+    if not path.exists() or not all(part.exists() for part in parts):
+        return False
+    return path.stat().st_mtime > max(part.stat().st_mtime for part in parts)
+
+
+def _log_shapes(recording: "rr.RecordingStream") -> None:  # type: ignore[name-defined] # noqa: F821
+    """The robot's looks, fixed to the frames of its links, and marks for the set-points."""
+    import rerun as rr
+
+    from services.logger.export.robot import RobotModel
+
+    for side, colour in _SIDE_COLOURS.items():
+        mark = rr.Ellipsoids3D(
+            half_sizes=[[SETPOINT_RADIUS] * 3],
+            colors=[colour],
+            fill_mode=rr.components.FillMode.Solid,
+        )
+        recording.log(f"/hands/{side}/setpoint", mark, static=True, strict=True)
+    try:
+        meshes = RobotModel().meshes()
+    except ImportError:  # the export has said so
+        return
+    for number, mesh in enumerate(meshes):
+        corners, normals = mesh.faceted()
+        recording.log(
+            f"/robot/{mesh.link}/{number}",
+            rr.CoordinateFrame(mesh.link),
+            rr.Mesh3D(
+                vertex_positions=corners,
+                vertex_normals=normals,
+                albedo_factor=[round(255 * part) for part in mesh.colour],
+            ),
+            static=True,
+            strict=True,
+        )

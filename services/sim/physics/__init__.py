@@ -1,0 +1,1 @@
+"""The simulated plant: physics steps, start posture, sensor noise, pace."""

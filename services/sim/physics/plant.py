@@ -1,0 +1,280 @@
+"""The plant without a bus: robot, motors and guard in simulated physics, one millisecond a step."""
+
+import logging
+import math
+from collections import deque
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from common.plant.config import PHYSICS_STEP_NS
+from common.plant.fallback import damp_target, hold_target
+from common.plant.guard import Guard
+from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
+from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
+from common.schemas import GuardMode, Header, JointCommand, PlantState
+from services.sim.config import NoiseConfig, SimConfig
+from services.sim.errors import PlantDivergedError, TaskError
+from services.sim.model.contacts import Contact, contact_list, foot_normal_forces
+from services.sim.model.gripper import jaw_closure, jaw_command
+from services.sim.model.world import build_model, find_addresses
+from services.sim.physics.noise import add_noise
+from services.sim.physics.stance import standing_qpos, standing_torque
+from services.sim.tasks import find_task
+from services.sim.tasks.trial import SceneView, Trial
+
+Array = NDArray[np.float64]
+
+START_NS = 1_000_000_000
+"""Robot time of the first state; positive, so that a stamp of 0 never is a measurement."""
+
+FALLEN_HEIGHT = 0.5
+"""A torso lower than this has fallen [m]."""
+FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
+"""A torso tilted further than this (cosine to the vertical) has fallen."""
+
+_AGES_KEPT = 1024
+_SETTLING_STEPS = 200
+_LOG = logging.getLogger(__name__)
+
+
+class Plant:
+    """DRACO 3 in a scene, behind its motor servo and command guard.
+
+    Attributes:
+        config: as given, with the scene and the noise of the task.
+        model: the ``mujoco.MjModel``.
+        data: the ``mujoco.MjData``.
+        guard: the command guard.
+        servo: the motor servo.
+        now_ns: robot time [ns]; grows by one physics step a step and never goes back.
+        reset_count: resets since construction.
+        steps: physics steps since the last reset.
+        fallen: whether the robot has fallen since the last reset.
+        trial: of the configured task; None without one. Its clock starts with the first command
+            that is applied after a reset.
+        view: where the scene's objects are.
+        command_ages: of the last 1024 applied commands, age of their state when applied [s].
+    """
+
+    def __init__(self, config: SimConfig | None = None) -> None:
+        self.config = _with_task(config or SimConfig())
+        # MuJoCo's own handler writes a log file into the working directory.
+        mujoco.set_mju_user_warning(_log_warning)
+        self.model = build_model(self.config.scene, looks=False)
+        self.data = mujoco.MjData(self.model)
+        self.addresses = find_addresses(self.model)
+        self.trial: Trial | None = None
+        if self.config.task:
+            task = find_task(self.config.task)
+            self.trial = Trial(task, self.model, self.data, self.addresses)
+            self.view = self.trial.view
+        else:
+            scene = self.config.scene
+            self.view = SceneView(self.model, self.data, self.addresses, scene, None)
+        self.guard = Guard(self.config.guard)
+        self.servo = Servo(self.config.torque_mode)
+        self.command_ages: deque[float] = deque(maxlen=_AGES_KEPT)
+        self._standing = standing_qpos(
+            self.model, self.addresses, self.config.standing_com_height, self.config.stance_width
+        )
+        self._standing_torque = standing_torque(self.model, self.addresses, self._standing)
+        self._to_position = np.zeros((NUM_MOTORS, self.model.nq))
+        self._to_position[:, self.addresses.qpos] = JOINT_TO_MOTOR
+        self._to_velocity = np.zeros((NUM_MOTORS, self.model.nv))
+        self._to_velocity[:, self.addresses.qvel] = JOINT_TO_MOTOR
+        # Views on MuJoCo's own memory, which stays where it is.
+        self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._motor_torque = self.data.ctrl[:NUM_MOTORS]
+        self._torso_rotation = self.data.xmat[self.addresses.torso]
+        self._noiseless = self.config.noise == NoiseConfig()
+        self.now_ns = START_NS - PHYSICS_STEP_NS
+        self.reset_count = -1
+        self.reset()
+        self._sink_in()
+
+    def reset(self, seed: int | None = None) -> None:
+        """Stand the robot up again, still, guard silent; robot time goes on.
+
+        Args:
+            seed: of start pose and noise; None takes the configured seed plus the reset count.
+        """
+        self.reset_count += 1
+        seed = self.config.seed + self.reset_count if seed is None else seed
+        self._rng = np.random.default_rng(seed)
+        mujoco.mj_resetData(self.model, self.data)
+        self._qpos[:] = self._standing
+        self._place()
+        if self.trial is not None:
+            self.trial.restart(seed)
+        self._trial_from: int | None = None
+        self.guard.reset(epoch_ns=self.now_ns)
+        self.now_ns += PHYSICS_STEP_NS
+        self.steps = 0
+        self.servo.saturated_steps = 0
+        self.fallen = False
+        self._push_until_ns = 0
+        self._mode = GuardMode.SILENT
+        self._target = hold_target(
+            self.now_ns, self._qpos[self.addresses.qpos], self._standing_torque
+        )
+        self._motor_torque[:] = JOINT_TO_MOTOR @ self._standing_torque
+        self.data.ctrl[self.addresses.grippers] = jaw_command(np.zeros(2))
+        mujoco.mj_forward(self.model, self.data)
+
+    def _sink_in(self) -> None:
+        """Begin as deep in the compliant floor as a robot that has stood there for a while."""
+        for _ in range(_SETTLING_STEPS):
+            self.step()
+        self._standing[2] = self._qpos[2]
+        self.now_ns = START_NS - PHYSICS_STEP_NS
+        self.reset_count = -1
+        self.reset()
+
+    def _place(self) -> None:
+        """Move the standing robot to a random place and heading, if the configuration says so."""
+        spread, yaw_spread = self.config.start_position_spread, self.config.start_yaw_spread
+        x, y = self._rng.uniform(-spread, spread, 2)
+        half_yaw = 0.5 * self._rng.uniform(-yaw_spread, yaw_spread)
+        self._qpos[:2] = x, y
+        self._qpos[3:7] = math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw)
+
+    def offer(self, command: JointCommand) -> bool:
+        """Hand a command to the guard; whether it is now applied."""
+        if not self.guard.offer(command, self.now_ns):
+            return False
+        stamp = command.header.stamp
+        self._target = motor_target(
+            stamp,
+            command.position,
+            command.velocity,
+            command.acceleration,
+            command.torque,
+            command.stiffness,
+            command.damping,
+        )
+        self.data.ctrl[self.addresses.grippers] = jaw_command(command.gripper_closure)
+        self.command_ages.append((self.now_ns - stamp) * 1e-9)
+        return True
+
+    def estop(self) -> None:
+        """Emergency stop: the motors only damp until the reset."""
+        self.guard.estop()
+
+    def push(self, force: Array, duration: float) -> None:
+        """Push the torso at its centre of mass.
+
+        Args:
+            force: (3,) in world [N].
+            duration: [s] of robot time from now; replaces a push still in progress.
+        """
+        self.data.xfrc_applied[self.addresses.torso, :3] = force
+        self._push_until_ns = self.now_ns + round(duration * 1e9)
+
+    def step(self) -> None:
+        """Advance by one physics step.
+
+        Raises:
+            PlantDivergedError: the physics produced NaN; only :meth:`reset` helps.
+        """
+        self.fallen = self.fallen or self._is_down()
+        mode = self.guard.tick(self.now_ns, self.fallen)
+        if mode is not self._mode:
+            self._enter(mode)
+        servo = self.servo
+        self._to_position.dot(self._qpos, out=servo.position)
+        self._to_velocity.dot(self._qvel, out=servo.velocity)
+        servo.torque(self._target, self.now_ns, self._motor_torque)
+        mujoco.mj_step(self.model, self.data)
+        self.steps += 1
+        self.now_ns += PHYSICS_STEP_NS
+        if math.isnan(self._qpos[2]):
+            raise PlantDivergedError(
+                f"the physics diverged {self.steps} steps after the reset: expected finite "
+                "positions, got NaN; reset the plant and lower gains or forces"
+            )
+        if self._push_until_ns and self.now_ns >= self._push_until_ns:
+            self._push_until_ns = 0
+            self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
+        if self.trial is not None and self._trial_from is not None:
+            self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
+
+    def _is_down(self) -> bool:
+        return (
+            float(self._qpos[2]) < FALLEN_HEIGHT
+            or float(self._torso_rotation[8]) < FALLEN_UPRIGHTNESS
+        )
+
+    def _enter(self, mode: GuardMode) -> None:
+        _LOG.info("guard: %s at %.3f s%s", mode.name, self.now_ns * 1e-9, " (fallen)" * self.fallen)
+        self._mode = mode
+        command = self.guard.command
+        if mode is GuardMode.ACTIVE and self._trial_from is None:
+            self._trial_from = self.steps
+        if mode is GuardMode.HOLD and command is not None:
+            # The last feed-forward torque keeps carrying the weight; without it the robot sags.
+            torque = MOTOR_TO_JOINT @ (JOINT_TO_MOTOR @ command.torque)
+            position = self._qpos[self.addresses.qpos]
+            self._target = hold_target(self.now_ns, position, torque)
+        elif mode in (GuardMode.DAMP, GuardMode.ESTOP):
+            self._target = damp_target(self.now_ns)
+
+    def truth(self) -> PlantState:
+        """The state now, exact."""
+        addresses, qpos, qvel = self.addresses, self._qpos, self._qvel
+        # Not validated: MuJoCo gives no wrong shapes, and who receives it checks the numbers.
+        return PlantState.model_construct(
+            header=Header(stamp=self.now_ns),
+            base_position=qpos[:3].copy(),
+            base_quaternion=qpos[3:7].copy(),
+            base_linear_velocity=qvel[:3].copy(),
+            base_angular_velocity=qvel[3:6].copy(),
+            joint_position=qpos[addresses.qpos],
+            joint_velocity=qvel[addresses.qvel],
+            joint_torque=MOTOR_TO_JOINT @ self._motor_torque,
+            gripper_closure=jaw_closure(0.5 * qpos[addresses.fingers_qpos].sum(axis=1)),
+            foot_normal_force=foot_normal_forces(self.data, addresses.feet),
+            reset_count=self.reset_count,
+        )
+
+    def measured(self) -> PlantState:
+        """The state now as the sensors report it: with the configured noise."""
+        truth = self.truth()
+        return truth if self._noiseless else add_noise(truth, self.config.noise, self._rng)
+
+    def contacts(self) -> list[Contact]:
+        """Touching pairs of geoms in the last physics step."""
+        return contact_list(self.model, self.data)
+
+    def com(self) -> Array:
+        """(3,) centre of mass of the robot in world [m], as of the last physics step."""
+        return np.array(self.data.subtree_com[self.addresses.torso])
+
+    @property
+    def saturated_fraction(self) -> float:
+        """Share of the physics steps since the reset with a motor at its torque limit."""
+        return self.servo.saturated_steps / self.steps if self.steps else 0.0
+
+
+def _with_task(config: SimConfig) -> SimConfig:
+    """Return ``config`` with the scene of its task and, unless given, the noise of its task.
+
+    Raises:
+        TaskError: there is no such task, or another scene was asked for besides.
+    """
+    if not config.task:
+        return config
+    task = find_task(config.task)
+    given = config.model_fields_set
+    if "scene" in given and config.scene != task.scene:
+        raise TaskError(
+            f"the task {task.name} takes place in the scene {task.scene!r}, but {config.scene!r} "
+            "was asked for; leave the scene out"
+        )
+    noise = config.noise if "noise" in given else task.noise
+    return config.model_copy(update={"scene": task.scene, "noise": noise})
+
+
+def _log_warning(text: str) -> None:
+    _LOG.warning("MuJoCo: %s", text)

@@ -1,0 +1,1 @@
+"""Off-screen pictures: the stereo cameras and the pictures of scenes and tasks."""

@@ -1,0 +1,217 @@
+"""The robot's stereo pair, rendered in a process of its own so that physics never waits.
+
+Run as ``python -m services.sim.rendering.cameras``.
+"""
+
+import logging
+import os
+import sys
+from argparse import SUPPRESS, ArgumentParser, Namespace
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, Self
+
+import cv2
+import mujoco
+from pydantic import BaseModel, ConfigDict, Field
+
+from common.robot.frames import CAMERAS
+from common.runtime.live.main import run_live
+from common.runtime.service import Inputs, Output, Service
+from common.schemas import CameraFrame, Header, PlantState, SceneState
+from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, TASK_SCENE
+from services.sim.config import validated
+from services.sim.model.pose import show_state
+from services.sim.model.world import FLOOR_GEOM, build_model, find_addresses
+from services.sim.rendering.offscreen import Image, Offscreen, fixed_camera
+from services.sim.scenes import SCENES
+from services.sim.scenes.parts import KEY_LIGHT
+from services.sim.tasks import find_task
+
+_NICENESS = 10
+_LOG = logging.getLogger(__name__)
+DESCRIPTION = """The robot's eyes: renders the plant's ground truth as a stereo pair and publishes
+each picture somebody subscribes to. Needs EGL (libegl1); the plant runs without."""
+
+
+class CameraConfig(BaseModel):
+    """How the stereo pair is rendered."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    scene: str = Field(
+        default="", description="what stands around the robot; empty: what the plant says"
+    )
+    task: str = Field(default="", description="the plant's task; its scene is implied")
+    width: int = Field(default=400, ge=16, le=1920, description="[pixels]")
+    height: int = Field(default=300, ge=16, le=1080, description="[pixels]")
+    rate: int = Field(default=20, ge=1, le=60, description="pictures per second and eye [Hz]")
+    encoding: Literal["jpeg", "rgb8"] = Field(default="jpeg", description="of the pictures")
+    quality: int = Field(default=90, ge=1, le=100, description="of JPEG")
+
+
+_FIELDS = frozenset(CameraConfig.model_fields)
+
+
+class StereoRenderer:
+    """Draws what the robot's eyes see; upright, row 0 on top, the left eye on its left.
+
+    Attributes:
+        scene: what it shows around the robot.
+    """
+
+    def __init__(self, config: CameraConfig) -> None:
+        self._config = config
+        self.scene = config.scene or (find_task(config.task).scene if config.task else "flat")
+        self._model = build_model(self.scene)
+        _simplify(self._model)
+        self._data = mujoco.MjData(self._model)
+        self._addresses = find_addresses(self._model)
+        self._eyes = {eye: fixed_camera(self._model, name) for eye, name in CAMERAS.items()}
+        self._offscreen = Offscreen(self._model, config.width, config.height, plain=True)
+
+    def render(
+        self, state: PlantState, eyes: Sequence[str], objects: SceneState | None = None
+    ) -> list[Image]:
+        """Return (height, width, 3) RGB pictures, one per name in ``eyes``.
+
+        Args:
+            state: of the robot.
+            eyes: ``left``, ``right``.
+            objects: where the scene's things are; None leaves them where they were.
+
+        Raises:
+            SceneError: ``objects`` are of another scene.
+        """
+        show_state(self._model, self._data, self._addresses, state, objects)
+        return [self._offscreen.render(self._data, self._eyes[eye]) for eye in eyes]
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._offscreen.close()
+
+
+def _simplify(model: Any) -> None:
+    """Trade looks for speed: with software OpenGL it is 15 instead of 350 ms a picture."""
+    model.vis.quality.offsamples = 0
+    model.vis.map.zfar = 50.0
+    floor = model.geom(FLOOR_GEOM)
+    floor.size[:] = 60.0, 60.0, 4.0
+    # Lighting is computed at the corners of the floor's coarse tiles: no spot fits in there.
+    model.light(KEY_LIGHT).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+
+
+def encode(image: Image, encoding: str, quality: int) -> bytes:
+    """Return ``image`` (height, width, 3) RGB as a JPEG file or as row-major bytes."""
+    if encoding == "rgb8":
+        return image.tobytes()
+    _, file = cv2.imencode(
+        ".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality]
+    )
+    return file.tobytes()
+
+
+class CameraService(Service):
+    """Publishes the eyes somebody looks through, from the latest ground truth."""
+
+    name = "cameras"
+    reads = (PLANT_TRUTH, TASK_SCENE)
+    writes = (CAMERA_LEFT, CAMERA_RIGHT)
+    # Software rendering of both eyes takes up to 0.15 s, more on a machine that is busy.
+    heartbeat_timeout_s = 0.5
+
+    def __init__(self, config: CameraConfig | None = None) -> None:
+        self._config = config or CameraConfig()
+        self.settings = self._config.model_dump(mode="json")
+        self.period_ns = 1_000_000_000 // self._config.rate
+        self._renderer = StereoRenderer(self._config)
+        self._warned = False
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build cameras to be replayed; only where the same OpenGL draws are they the same."""
+        return cls(validated(CameraConfig, settings))
+
+    def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+        """Render the wanted eyes, if there is a new state."""
+        del now_ns
+        state = inputs.latest(PLANT_TRUTH)
+        if state is None or not inputs.updated(PLANT_TRUTH):
+            return []
+        topics = {
+            eye: topic
+            for eye, topic in (("left", CAMERA_LEFT), ("right", CAMERA_RIGHT))
+            if self.wanted(topic)
+        }
+        objects = inputs.latest(TASK_SCENE)
+        if objects is not None and objects.scene != self._renderer.scene:
+            objects = self._follow(objects)
+        images = self._renderer.render(state, list(topics), objects)
+        return [
+            Output(topic, self._frame(eye, image, state.header.stamp))
+            for (eye, topic), image in zip(topics.items(), images, strict=True)
+        ]
+
+    def _follow(self, objects: SceneState) -> SceneState | None:
+        """Show the plant's scene, unless another one was asked for; the objects to show."""
+        if self._config.scene or self._config.task:
+            if not self._warned:
+                shown = self._renderer.scene
+                _LOG.warning("asked to show the scene %s, the plant is in %s", shown, objects.scene)
+            self._warned = True
+            return None
+        config = self._config.model_copy(update={"scene": objects.scene})
+        self._renderer.close()
+        self._renderer = StereoRenderer(config)
+        return objects
+
+    def _frame(self, eye: str, image: Image, stamp_ns: int) -> CameraFrame:
+        height, width, _ = image.shape
+        encoding, quality = self._config.encoding, self._config.quality
+        return CameraFrame(
+            header=Header(stamp=stamp_ns),
+            eye="left" if eye == "left" else "right",
+            width=width,
+            height=height,
+            encoding=encoding,
+            data=encode(image, encoding, quality),
+        )
+
+    def close(self) -> None:
+        """Free the renderer."""
+        self._renderer.close()
+
+
+def _add_arguments(parser: ArgumentParser) -> None:
+    parser.prog = "python -m services.sim.rendering.cameras"
+    group = parser.add_argument_group("pictures", argument_default=SUPPRESS)
+    group.add_argument("--scene", choices=sorted(SCENES), help="the plant's scene (what it says)")
+    group.add_argument("--task", metavar="NAME", help="the plant's task; its scene is implied")
+    group.add_argument("--width", type=int, help="pixels (400)")
+    group.add_argument("--height", type=int, help="pixels (300)")
+    group.add_argument("--rate", type=int, help="pictures per second and eye (20)")
+    group.add_argument("--encoding", choices=["jpeg", "rgb8"], help="of the pictures (jpeg)")
+    group.add_argument("--quality", type=int, help="of JPEG, 1 to 100 (90)")
+
+
+def _build(arguments: Namespace) -> CameraService:
+    options = {name: value for name, value in vars(arguments).items() if name in _FIELDS}
+    config = validated(CameraConfig, arguments.settings, options)
+    # Pictures may be late, control may not.
+    os.nice(_NICENESS)
+    return CameraService(config)
+
+
+def main() -> int:
+    """Run the cameras until a signal."""
+    return run_live(
+        _build,
+        CameraService.name,
+        sys.argv[1:],
+        add_arguments=_add_arguments,
+        description=DESCRIPTION,
+        background=True,
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

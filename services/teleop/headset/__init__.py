@@ -1,0 +1,1 @@
+"""Headset poses, triggers and buttons as operator."""

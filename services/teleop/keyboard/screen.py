@@ -1,0 +1,135 @@
+"""The keyboard operator's screen as lines of text, at most 80 by 24; pure."""
+
+from dataclasses import dataclass
+from math import degrees, inf
+
+from common.schemas import ControllerState, OperatorStatus, PlantStatus
+from services.teleop.keyboard.console import Console
+from services.teleop.keyboard.keymap import KEYMAP
+from services.teleop.targets.hand import SIDES, hand_rpy
+
+WIDTH, HEIGHT = 80, 24
+HELP_COLUMNS = 3
+HELP_ROWS = -(-len(KEYMAP) // HELP_COLUMNS)
+BOLD, RED, PLAIN = "\x1b[1m", "\x1b[1;31m", "\x1b[0m"
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """What the robot says, and how old that is [s] (infinity: nothing yet).
+
+    Attributes:
+        controller, controller_age: last controller state.
+        plant, plant_age: last plant status.
+        script: a script that another operator is playing, if any.
+        falls: falls seen since this operator started.
+        sight: how far the left eye's picture is behind the robot; None without pictures.
+    """
+
+    controller: ControllerState | None = None
+    controller_age: float = inf
+    plant: PlantStatus | None = None
+    plant_age: float = inf
+    script: OperatorStatus | None = None
+    falls: int = 0
+    sight: float | None = None
+
+
+def render(console: Console, feedback: Feedback, now: float) -> list[str]:
+    """The whole screen; ``now`` is the operator's time [s]. Lines may hold colour codes."""
+    return [
+        _controller_line(feedback),
+        _tracking_line(feedback),
+        _plant_line(feedback),
+        "",
+        "   hand      x      y      z   roll  pitch   yaw   gripper   off by",
+        *(_hand_line(console, side, feedback) for side in SIDES),
+        _head_line(console, feedback),
+        "",
+        *_gait_lines(console, now),
+        _script_line(feedback),
+        f"{BOLD}{console.notice[:WIDTH]}{PLAIN}",
+        *help_lines(),
+    ]
+
+
+def help_lines() -> list[str]:
+    """Every key and what it does, in columns."""
+    width = WIDTH // HELP_COLUMNS
+    cells = [f" {binding.label:>7} {binding.help}" for binding in KEYMAP]
+    return [
+        "".join(f"{cell:<{width}}" for cell in cells[row::HELP_ROWS]).rstrip()
+        for row in range(HELP_ROWS)
+    ]
+
+
+def _age(age: float) -> str:
+    return "never heard" if age == inf else f"{1e3 * age:.0f} ms ago"
+
+
+def _controller_line(feedback: Feedback) -> str:
+    state, age = feedback.controller, _age(feedback.controller_age)
+    if state is None:
+        return f"controller  {RED}{age}{PLAIN}"
+    doing = f" {state.gait.name.lower()} {100 * state.gait_progress:.0f} %" if state.gait else ""
+    held = "" if state.setpoint_fresh else f"  {RED}SET-POINTS STALE: HANDS HELD{PLAIN}"
+    return (
+        f"controller  {BOLD}{state.state.name}{PLAIN}{doing}  "
+        f"{state.gaits_completed} gaits done  {age}{held}"
+    )
+
+
+def _tracking_line(feedback: Feedback) -> str:
+    state = feedback.controller
+    if state is None:
+        return ""
+    return (
+        f"            DCM off by {1e3 * state.dcm_error:.1f} mm  {state.solver} "
+        f"{state.unsolved} unsolved"
+    )
+
+
+def _plant_line(feedback: Feedback) -> str:
+    plant, age = feedback.plant, _age(feedback.plant_age)
+    if plant is None:
+        return f"plant       {RED}{age}{PLAIN}"
+    marks = [name for name, on in (("FALLEN", plant.fallen), ("PAUSED", plant.paused)) if on]
+    return (
+        f"plant       {BOLD}{plant.guard.name}{PLAIN} {RED}{' '.join(marks)}{PLAIN} "
+        f"{plant.real_time_factor:.2f}x real time  falls {feedback.falls}  torque from state "
+        f"{1e3 * plant.age_at_torque_median:.0f}/{1e3 * plant.age_at_torque_p99:.0f} ms old  {age}"
+    )
+
+
+def _hand_line(console: Console, side: str, feedback: Feedback) -> str:
+    hand, index = console.targets.hands[side], SIDES.index(side)
+    x, y, z = hand.position
+    angles = "".join(f"{round(degrees(a)):+6d}°" for a in hand_rpy(hand.quaternion))
+    closure = console.targets.closure[index]
+    error = ""
+    if feedback.controller is not None:
+        error = f"{1e3 * feedback.controller.hand_position_error[index]:6.1f} mm"
+    mark = ">" if side in console.selected else " "
+    return f" {mark} {side:5} {x:+.3f} {y:+.3f} {z:+.3f} {angles}  {closure:5.0%}    {error}"
+
+
+def _head_line(console: Console, feedback: Feedback) -> str:
+    seen = "" if feedback.sight is None else f"   sees {1e3 * feedback.sight:.0f} ms behind"
+    return f"   head {degrees(console.targets.neck):+7.0f}° down{seen}"
+
+
+def _gait_lines(console: Console, now: float) -> list[str]:
+    """Newest last, always as many lines, so that nothing below them jumps."""
+    lines = []
+    for asked in console.asked:
+        text = asked.describe(now)[: WIDTH - 12]
+        lines.append(f"gait        {RED if text != text.lower() else ''}{text}{PLAIN}")
+    return lines + [""] * ((console.asked.maxlen or 0) - len(lines))
+
+
+def _script_line(feedback: Feedback) -> str:
+    script = feedback.script
+    if script is None:
+        return ""
+    text = f"script      {script.script} {script.step}/{script.steps} {script.label}"
+    return text[:WIDTH]

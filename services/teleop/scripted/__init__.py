@@ -1,0 +1,1 @@
+"""An operator that plays a script."""

@@ -1,0 +1,186 @@
+"""Playing a script: each step is a generator that yields once a tick, until it is done.
+
+Only :class:`Stage` is shared: what the operator moves, hears and says. Nothing here knows a clock
+but ``Stage.dt``, which is zero while the plant is paused, so a script waits with the robot.
+"""
+
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import pi, sin
+
+import numpy as np
+
+from common.robot.rotations import Array, rotate, rotation_vector
+from services.teleop.scripted.gaits import GaitClient
+from services.teleop.scripted.script import (
+    Grip,
+    HandPose,
+    Mark,
+    Move,
+    Neck,
+    Sine,
+    Step,
+    Together,
+    Wait,
+    Walk,
+    axis_vector,
+)
+from services.teleop.targets.hand import SIDES, HandTarget
+from services.teleop.targets.targets import OperatorTargets
+
+log = logging.getLogger(__name__)
+
+PEAK_OF_MINIMUM_JERK = 1.875
+"""Peak over mean speed of a minimum-jerk path: 30/16 (Flash and Hogan 1985)."""
+SPEED_USED = 0.95
+"""Share of the speed limits that a path plans for, so that the limiter never cuts it."""
+FADE = 0.25
+"""Share of a swing's duration over which it fades in, and out again."""
+
+
+@dataclass
+class Stage:
+    """What the steps of a script share.
+
+    Attributes:
+        targets: goals that the steps set.
+        desk: gait requests and their replies.
+        dt: time since the last tick [s]; 0 while the plant is paused.
+        label: what the last mark said.
+    """
+
+    targets: OperatorTargets
+    desk: GaitClient
+    dt: float = 0.0
+    label: str = ""
+
+
+def play(steps: Sequence[Step], stage: Stage) -> Iterator[None]:
+    """Run ``steps`` one after another.
+
+    Raises:
+        ScriptError: a gait was refused too often, not answered or aborted.
+    """
+    for step in steps:
+        yield from _step(step, stage)
+
+
+def _step(step: Step, stage: Stage) -> Iterator[None]:
+    match step:
+        case Wait():
+            yield from _wait(step.seconds, stage)
+        case Move():
+            yield from _move(step, stage)
+        case Sine():
+            yield from _swing(step, stage)
+        case Grip():
+            yield from _grip(step, stage)
+        case Neck():
+            yield from _look(step, stage)
+        case Walk():
+            for _ in range(step.count):
+                yield from stage.desk.perform(step.gait)
+        case Mark():
+            stage.label = step.label
+            log.info("%s", step.label)
+        case Together():
+            yield from _together(step, stage)
+
+
+def _wait(seconds: float, stage: Stage) -> Iterator[None]:
+    elapsed = 0.0
+    while elapsed < seconds:
+        yield
+        elapsed += stage.dt
+
+
+def _together(step: Together, stage: Stage) -> Iterator[None]:
+    lanes = [play(lane, stage) for lane in step.lanes]
+    while lanes := [lane for lane in lanes if next(lane, _DONE) is not _DONE]:
+        yield
+
+
+_DONE = object()
+
+
+@dataclass
+class _Path:
+    """Minimum-jerk path of one hand from where its target is to a pose."""
+
+    hand: HandTarget
+    pose: HandPose
+    start: Array = field(init=False)
+    start_quaternion: Array = field(init=False)
+    displacement: Array = field(init=False)
+    rotation: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        hand = self.hand
+        self.start, self.start_quaternion = hand.position, hand.quaternion
+        end = hand.limits.clamp(hand.side, np.array(self.pose.position))
+        self.displacement = end - self.start
+        quaternion = self.pose.quaternion()
+        self.rotation = (
+            np.zeros(3)
+            if quaternion is None
+            else rotation_vector(self.start_quaternion, quaternion)
+        )
+
+    def shortest(self) -> float:
+        """Shortest duration within the hand's speed limits [s]."""
+        limits = self.hand.limits
+        linear = float(np.linalg.norm(self.displacement)) / limits.linear_speed
+        angular = float(np.linalg.norm(self.rotation)) / limits.angular_speed
+        return PEAK_OF_MINIMUM_JERK / SPEED_USED * max(linear, angular)
+
+    def set_goal(self, phase: float) -> None:
+        """Put the hand's goal at ``phase`` in 0..1 of the path's time."""
+        share = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
+        self.hand.go_to(
+            self.start + share * self.displacement,
+            rotate(self.start_quaternion, share * self.rotation),
+        )
+
+
+def _move(step: Move, stage: Stage) -> Iterator[None]:
+    poses = {"left": step.left, "right": step.right}
+    paths = [
+        _Path(stage.targets.hands[side], pose) for side, pose in poses.items() if pose is not None
+    ]
+    duration = max(step.duration, *(path.shortest() for path in paths))
+    elapsed = 0.0
+    while elapsed < duration:
+        yield
+        elapsed += stage.dt
+        for path in paths:
+            path.set_goal(min(1.0, elapsed / duration))
+
+
+def _swing(step: Sine, stage: Stage) -> Iterator[None]:
+    hand = stage.targets.hands[step.hand]
+    centre, quaternion, axis = hand.position, hand.quaternion, axis_vector(step.axis)
+    fade, elapsed = FADE * step.duration, 0.0
+    while elapsed < step.duration:
+        yield
+        elapsed = min(step.duration, elapsed + stage.dt)
+        envelope = min(1.0, elapsed / fade, (step.duration - elapsed) / fade)
+        offset = envelope * step.amplitude * sin(2 * pi * step.frequency * elapsed)
+        hand.go_to(centre + offset * axis, quaternion)
+
+
+def _grip(step: Grip, stage: Stage) -> Iterator[None]:
+    targets = stage.targets
+    asked = {"left": step.left, "right": step.right}
+    for side, closure in asked.items():
+        if closure is not None:
+            targets.grip(side, closure)
+    used = [SIDES.index(side) for side, closure in asked.items() if closure is not None]
+    while not np.array_equal(targets.closure[used], targets.goal_closure[used]):
+        yield
+
+
+def _look(step: Neck, stage: Stage) -> Iterator[None]:
+    stage.targets.look(step.pitch)
+    while stage.targets.neck != stage.targets.goal_neck:
+        yield

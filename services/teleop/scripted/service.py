@@ -1,0 +1,228 @@
+"""An operator that plays a script against the robot's feedback, then ends its process."""
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from common.errors import ConfigError, explain
+from common.runtime.service import Inputs, Output, Service
+from common.schemas import (
+    ControllerState,
+    ControlState,
+    Gait,
+    GuardMode,
+    Header,
+    OperatorStatus,
+    PlantStatus,
+)
+from common.topics import (
+    PLANT_STATUS,
+    TELEOP_GAIT,
+    TELEOP_SETPOINT,
+    TELEOP_STATUS,
+    WBC_REPLY,
+    WBC_STATE,
+)
+from services.teleop.errors import ScriptError
+from services.teleop.scripted.gaits import GaitClient, GaitPatience
+from services.teleop.scripted.player import Stage, play
+from services.teleop.scripted.script import Script
+from services.teleop.targets.hand import TargetLimits
+from services.teleop.targets.targets import OperatorTargets
+
+log = logging.getLogger(__name__)
+
+PERIOD_NS = 50_000_000
+"""Set-points at 20 Hz."""
+LONGEST_STEP = 0.1
+"""A step that comes later than this moves no further [s]."""
+STATUS_PERIOD = 0.2
+LABEL_WAITING = "waiting for the controller to balance"
+
+
+class ScriptedConfig(BaseModel):
+    """How the scripted operator behaves around its script."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    limits: TargetLimits = TargetLimits()
+    patience: GaitPatience = GaitPatience()
+    start_timeout: float = Field(default=60.0, gt=0.0, description="until BALANCE [s]")
+    silence_timeout: float = Field(
+        default=3.0, gt=0.0, description="without a controller state the script fails [s]"
+    )
+    linger: float = Field(default=1.0, ge=0.0, description="set-points after the script [s]")
+
+
+class ScriptedOperator(Service):
+    """Publishes set-points at 20 Hz throughout, and the script's gaits once the robot balances.
+
+    After the script it goes on for ``linger`` seconds and sets ``exit_code``: 0, or 1 when the
+    script failed, with the reason in :attr:`failure`. The script's clock stops while the plant is
+    paused. Request ids start at the runner's clock in milliseconds, so that an operator started
+    later never repeats the ids of an earlier one.
+    """
+
+    name = "teleop"
+    period_ns = PERIOD_NS
+    reads = (WBC_STATE, WBC_REPLY, PLANT_STATUS)
+    writes = (TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_STATUS)
+
+    def __init__(self, script: Script, config: ScriptedConfig | None = None) -> None:
+        """Prepare to play ``script``."""
+        self.script = script
+        self.config = config or ScriptedConfig()
+        self.settings = {
+            "script": script.model_dump(mode="json"),
+            "config": self.config.model_dump(mode="json"),
+        }
+        self.failure = ""
+        self.targets = OperatorTargets(self.config.limits)
+        self._stage = Stage(self.targets, GaitClient(self.config.patience), label=LABEL_WAITING)
+        self._program: Iterator[None] | None = None
+        self._steps_done = 0
+        self._waited = 0.0
+        self._ended_for: float | None = None
+        self._last_ns: int | None = None
+        self._shown: OperatorStatus | None = None
+        self._since_shown = 0.0
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any]) -> Self:
+        """Build an operator to be replayed."""
+        try:
+            return cls(
+                Script.model_validate(settings.get("script")),
+                ScriptedConfig.model_validate(settings.get("config", {})),
+            )
+        except ValidationError as error:
+            raise ConfigError(f"the operator's settings are wrong: {explain(error)}") from error
+
+    def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
+        """Advance the script by one tick; see :class:`common.runtime.service.Service`."""
+        if self._last_ns is None:
+            self._stage.desk.next_id = now_ns // 1_000_000
+            self._last_ns = now_ns - self.period_ns
+        elapsed = (now_ns - self._last_ns) * 1e-9
+        self._last_ns = now_ns
+
+        plant = inputs.latest(PLANT_STATUS) if inputs.fresh(PLANT_STATUS) else None
+        paused = plant is not None and plant.paused
+        stage = self._stage
+        stage.dt = 0.0 if paused else min(elapsed, LONGEST_STEP)
+        controller = inputs.latest(WBC_STATE)
+        fresh = controller if inputs.fresh(WBC_STATE) else None
+        # Replies and timeouts run on real time, however late this step is.
+        stage.desk.hear(0.0 if paused else elapsed, inputs.events(WBC_REPLY), fresh)
+        try:
+            self._act(inputs, fresh, plant, elapsed)
+        except ScriptError as error:
+            self._fail(str(error))
+        self.targets.advance(stage.dt, smooth=False)
+
+        stamp = 0 if controller is None else controller.header.stamp
+        header = Header(stamp=stamp)
+        outputs = [Output(TELEOP_SETPOINT, self.targets.setpoint(stamp))]
+        requests, stage.desk.outbox = stage.desk.outbox, []
+        outputs += [
+            Output(TELEOP_GAIT, request.model_copy(update={"header": header}))
+            for request in requests
+        ]
+        return outputs + self._status(header, elapsed)
+
+    def _act(
+        self,
+        inputs: Inputs,
+        controller: ControllerState | None,
+        plant: PlantStatus | None,
+        elapsed: float,
+    ) -> None:
+        """Wait, play or end, as the case may be.
+
+        Raises:
+            ScriptError: the script cannot go on.
+        """
+        if self._ended_for is not None:
+            self._ended_for += elapsed
+            if self._ended_for >= self.config.linger:
+                self.exit_code = 1 if self.failure else 0
+        elif self._program is None:
+            self._wait_for_balance(controller, plant, elapsed)
+        else:
+            if trouble := _trouble(plant):
+                raise ScriptError(trouble)
+            silent = inputs.age(WBC_STATE)
+            paused = plant is not None and plant.paused
+            if silent > self.config.silence_timeout and not paused:
+                raise ScriptError(f"the controller has been silent for {silent:.1f} s")
+            if next(self._program, _DONE) is _DONE:
+                self._ended_for = 0.0
+                log.info("script %s: finished", self.script.name)
+
+    def _wait_for_balance(
+        self, controller: ControllerState | None, plant: PlantStatus | None, elapsed: float
+    ) -> None:
+        trouble = _trouble(plant)
+        if not trouble and _balancing(controller):
+            self._stage.label = ""
+            self._program = self._run()
+            log.info("script %s: started", self.script.name)
+            return
+        self._waited += elapsed
+        if self._waited > self.config.start_timeout:
+            shows = "no controller state" if controller is None else controller.state.name
+            raise ScriptError(
+                f"the controller did not balance within {self.config.start_timeout:g} s; "
+                f"last seen: {trouble or shows}"
+            )
+
+    def _run(self) -> Iterator[None]:
+        for step in self.script.steps:
+            yield from play((step,), self._stage)
+            self._steps_done += 1
+
+    def _fail(self, reason: str) -> None:
+        step = f"step {self._steps_done + 1}/{len(self.script.steps)}"
+        mark = f" ({self._stage.label})" if self._stage.label else ""
+        self.failure = f"{step}{mark}: {reason}"
+        self._ended_for = 0.0
+        log.error("script %s failed: %s", self.script.name, self.failure)
+
+    def _status(self, header: Header, elapsed: float) -> list[Output]:
+        status = OperatorStatus(
+            script=self.script.name,
+            step=self._steps_done,
+            steps=len(self.script.steps),
+            label=self._stage.label,
+            finished=self._ended_for is not None,
+            failed=self.failure[:200],
+        )
+        self._since_shown += elapsed
+        if status == self._shown and self._since_shown < STATUS_PERIOD - 1e-3:
+            return []
+        self._shown, self._since_shown = status, 0.0
+        return [Output(TELEOP_STATUS, status.model_copy(update={"header": header}))]
+
+
+_DONE = object()
+
+
+def _balancing(controller: ControllerState | None) -> bool:
+    return (
+        controller is not None
+        and controller.state is ControlState.BALANCE
+        and controller.gait is Gait.NONE
+    )
+
+
+def _trouble(plant: PlantStatus | None) -> str:
+    """What about the plant keeps a script from running; empty when nothing does."""
+    if plant is None:
+        return ""
+    if plant.fallen:
+        return "the robot has fallen"
+    if plant.guard is GuardMode.ESTOP:
+        return "the emergency stop is on"
+    return ""

@@ -1,0 +1,1 @@
+"""Hand targets that operators move, and the set-points made of them."""

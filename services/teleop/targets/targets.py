@@ -1,0 +1,86 @@
+"""What an operator asks of the hands, grippers and neck: limited, continuous targets."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from common.robot.rotations import Array
+from common.schemas import Header, Setpoint
+from services.teleop.targets.hand import SIDES, HandTarget, TargetLimits
+
+
+def _towards(value: Array, goal: Array, largest: float) -> Array:
+    return value + np.clip(goal - value, -largest, largest)
+
+
+@dataclass
+class OperatorTargets:
+    """All that a set-point holds: two hands, two grippers and the neck.
+
+    Attributes:
+        limits: speeds and workspace.
+        hands: target of each hand, by side.
+        closure, goal_closure: (2,) left and right gripper, 0 open to 1 closed.
+        neck, goal_neck: head pitch, positive looks down [rad].
+    """
+
+    limits: TargetLimits = field(default_factory=TargetLimits)
+    hands: dict[str, HandTarget] = field(init=False)
+    closure: Array = field(init=False, default_factory=lambda: np.zeros(2))
+    goal_closure: Array = field(init=False, default_factory=lambda: np.zeros(2))
+    neck: float = 0.0
+    goal_neck: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.hands = {side: HandTarget(side, self.limits) for side in SIDES}
+
+    def grip(self, side: str, closure: float) -> None:
+        """Set the goal of gripper ``side``, 0 open to 1 closed."""
+        goal = self.goal_closure.copy()
+        goal[SIDES.index(side)] = np.clip(closure, 0.0, 1.0)
+        self.goal_closure = goal
+
+    def look(self, pitch: float) -> None:
+        """Set the goal of the neck [rad], clamped to its joint's range."""
+        self.goal_neck = float(np.clip(pitch, self.limits.neck_low, self.limits.neck_high))
+
+    def adopt(self, setpoint: Setpoint) -> None:
+        """Take over where another operator's set-points left off."""
+        self.hands["left"].place(
+            setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body
+        )
+        self.hands["right"].place(
+            setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body
+        )
+        self.closure = self.goal_closure = np.clip(setpoint.gripper_closure, 0.0, 1.0)
+        self.look(setpoint.neck_pitch)
+        self.neck = self.goal_neck
+
+    def advance(self, dt: float, *, smooth: bool) -> None:
+        """Move everything towards its goal for ``dt`` [s].
+
+        ``smooth``: hands accelerate and settle gently, for goals that jump (keys). Otherwise they
+        follow goals that already move smoothly without lag, up to the speed limits.
+        """
+        for hand in self.hands.values():
+            if smooth:
+                hand.approach(dt)
+            else:
+                hand.follow(dt)
+        limits = self.limits
+        self.closure = _towards(self.closure, self.goal_closure, limits.closure_speed * dt)
+        step = limits.neck_speed * dt
+        self.neck += float(np.clip(self.goal_neck - self.neck, -step, step))
+
+    def setpoint(self, stamp: int) -> Setpoint:
+        """The set-point message; ``stamp`` is the robot time [ns] the operator acted on."""
+        left, right = self.hands["left"], self.hands["right"]
+        return Setpoint(
+            header=Header(stamp=stamp),
+            left_hand_position_in_body=left.position,
+            left_hand_quaternion_in_body=left.quaternion,
+            right_hand_position_in_body=right.position,
+            right_hand_quaternion_in_body=right.quaternion,
+            gripper_closure=self.closure,
+            neck_pitch=self.neck,
+        )

@@ -1,0 +1,113 @@
+"""An episode's file: arrays, names, pictures; and what a reader is told of a wrong one."""
+
+from pathlib import Path
+
+import cv2
+import h5py
+import mujoco
+import numpy as np
+import pytest
+
+from common.episodes.columns import BY_PATH, COLUMNS
+from common.episodes.episode_file import open_episode, to_bytes
+from common.episodes.errors import EpisodeError
+from common.robot.bodyposes import USUAL_HAND, body_poses, nearer
+from common.robot.frames import BODY_FRAME, FOOT_FRAMES, HAND_FRAMES
+from common.robot.joints import (
+    JOINT_NAMES,
+    MJCF_PATH,
+    NOMINAL_POSITION,
+    NUM_JOINTS,
+    POSITION_LOWER,
+    POSITION_UPPER,
+)
+from tests.lab.demonstrations.collect.support import meta, rows
+
+
+def jpeg(value: int, width: int = 32, height: int = 16) -> bytes:
+    _, file = cv2.imencode(".jpg", np.full((height, width, 3), value, dtype=np.uint8))
+    return file.tobytes()
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    given = rows(frames=4, seed=7)
+    eyes = {"left": [jpeg(v) for v in (0, 80, 160, 240)], "right": [jpeg(9)] * 4}
+    path.write_bytes(to_bytes(meta(7), given, eyes))
+    with open_episode(path) as episode:
+        assert episode.meta == meta(7)
+        for column in COLUMNS:
+            expected = np.array(given.rows[column.path], dtype=column.dtype)
+            np.testing.assert_array_equal(episode.array(column.path), expected)
+        part = episode.array("action/hands", slice(1, 3))
+        np.testing.assert_array_equal(part, episode.array("action/hands")[1:3])
+        assert episode.jpeg("left", 2) == eyes["left"][2]
+        assert episode.picture("left", 3).shape == (16, 32, 3)
+        assert abs(int(episode.picture("left", 1).mean()) - 80) < 3
+        with pytest.raises(EpisodeError, match="frame 4"):
+            episode.jpeg("left", 4)
+        with pytest.raises(EpisodeError, match="unknown array"):
+            episode.array("action/feet")
+
+
+def test_the_file_explains_itself_to_any_hdf5_reader(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    path.write_bytes(to_bytes(meta(0), rows(), {}))
+    with h5py.File(path) as file:
+        poses = file["observation/poses"]
+        assert poses.attrs["frame"] == BODY_FRAME
+        assert poses.attrs["unit"].startswith("m")
+        assert list(poses.attrs["names"])[14] == "left_hand.x"
+        assert '"synthetic":true' in file.attrs["meta"]
+        for column in COLUMNS:
+            assert file[column.path].attrs["doc"]
+
+
+def test_the_widths_are_those_of_the_paper() -> None:
+    width = {path: len(column.names) for path, column in BY_PATH.items()}
+    assert width["observation/poses"] == 28
+    assert width["observation/joint_sin_cos"] == 54
+    assert width["observation/joint_velocity"] == 27
+    assert width["action/hands"] == 14
+    assert width["action/grasp"] == 2
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    text = tmp_path / "a.h5"
+    text.write_text("no episode")
+    with pytest.raises(EpisodeError, match=r"a\.h5"), open_episode(text):
+        pass
+    newer = tmp_path / "b.h5"
+    newer.write_bytes(to_bytes(meta(0), rows(), {}))
+    with h5py.File(newer, "r+") as file:
+        file.attrs["schema_version"] = 99
+    with pytest.raises(EpisodeError, match="version 99"), open_episode(newer):
+        pass
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_poses_agree_with_mujoco(seed: int) -> None:
+    model = mujoco.MjModel.from_xml_path(str(MJCF_PATH))
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(POSITION_LOWER, POSITION_UPPER, NUM_JOINTS)
+    for name, value in zip(JOINT_NAMES, q, strict=True):
+        data.joint(name).qpos[:] = value
+    data.joint("base").qpos[:] = [*rng.normal(size=3), 0.5, 0.5, -0.5, 0.5]
+    mujoco.mj_kinematics(model, data)
+    torso = data.body(BODY_FRAME)
+    to_body = torso.xmat.reshape(3, 3).T
+    names = [*FOOT_FRAMES.values(), *HAND_FRAMES.values()]
+    for name, pose in zip(names, body_poses().of(q).reshape(4, 7), strict=True):
+        site = data.site(name)
+        np.testing.assert_allclose(pose[:3], to_body @ (site.xpos - torso.xpos), atol=1e-9)
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, np.ascontiguousarray(pose[3:]))
+        expected = to_body @ site.xmat.reshape(3, 3)
+        np.testing.assert_allclose(rotation.reshape(3, 3), expected, atol=1e-9)
+
+
+def test_quaternions_keep_the_sign_of_the_usual_orientation() -> None:
+    hands = body_poses().of(np.array(NOMINAL_POSITION)).reshape(4, 7)[2:, 3:]
+    assert (hands @ USUAL_HAND > 0.5).all()
+    np.testing.assert_array_equal(nearer(-USUAL_HAND, USUAL_HAND), USUAL_HAND)

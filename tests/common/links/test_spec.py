@@ -1,0 +1,141 @@
+"""Link specifications are read as written, and wrong ones are refused with a useful text."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.errors import ConfigError
+from common.links.config import Links, link_seed, parse_link_options
+from common.links.spec import Distribution, LinkSpec, parse_duration
+
+NORMAL, LOGNORMAL = Distribution.NORMAL, Distribution.LOGNORMAL
+
+
+def dump(spec: LinkSpec) -> dict[str, Any]:
+    return spec.model_dump(exclude={"trace"})
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        ("250ms", {"mean": 0.25}),
+        ("0", {"mean": 0.0}),
+        (" 0.3s loss=1% ", {"mean": 0.3, "loss": 0.01}),
+        ("500us order=free seed=7", {"mean": 0.0005, "keep_order": False, "seed": 7}),
+        ("constant(20 ms) loss=0.5", {"mean": 0.02, "loss": 0.5}),
+        (
+            "normal(122ms, 190ms) loss=1% seed=7",
+            {
+                "distribution": NORMAL,
+                "mean": 0.122,
+                "sd": 0.19,
+                "loss": 0.01,
+                "seed": 7,
+            },
+        ),
+        (
+            "lognormal(122ms,190ms) corr=500ms order=keep",
+            {"distribution": LOGNORMAL, "mean": 0.122, "sd": 0.19, "correlation": 0.5},
+        ),
+    ],
+)
+def test_parse(text: str, fields: dict[str, Any]) -> None:
+    spec = LinkSpec.parse(text)
+    assert dump(spec) == pytest.approx(dump(LinkSpec(**fields)))
+    again = LinkSpec.parse(str(spec))
+    assert dump(again) == pytest.approx(dump(spec))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "fast",
+        "250",
+        "-5ms",
+        "61s",
+        "nanms",
+        "normal(122ms)",
+        "normal(122ms, 190ms",
+        "uniform(1ms, 2ms)",
+        "lognormal(0, 1ms)",
+        "250ms loss=2",
+        "250ms loss=nan",
+        "250ms loss=x",
+        "250ms order=random",
+        "250ms seed=-1",
+        "250ms seed=9223372036854775808",
+        "lognormal(1e-200s, 1s)",
+        "250ms seed=x",
+        "250ms corr=1s",
+        "250ms speed=3",
+        "trace(/nowhere/at/all.csv)",
+    ],
+)
+def test_wrong_texts_are_refused(text: str) -> None:
+    with pytest.raises(ConfigError):
+        LinkSpec.parse(text)
+
+
+def test_durations() -> None:
+    assert parse_duration("1.5ms") == pytest.approx(0.0015)
+    assert parse_duration("3e2us") == pytest.approx(0.0003)
+    with pytest.raises(ConfigError, match="'5' is not a duration"):
+        parse_duration("5")
+
+
+def test_trace_file(tmp_path: Path) -> None:
+    path = tmp_path / "delays.csv"
+    path.write_text("# measured\n12.5ms\n\n0.25,\n300us\n")
+    spec = LinkSpec.parse(f"trace({path}) loss=2%")
+    assert spec.trace == pytest.approx((0.0125, 0.25, 0.0003))
+    assert spec.loss == 0.02
+    path.write_text("12.5ms\nslow\n")
+    with pytest.raises(ConfigError, match="line 2"):
+        LinkSpec.parse(f"trace({path})")
+    path.write_text("# nothing\n")
+    with pytest.raises(ConfigError, match="holds no delay"):
+        LinkSpec.parse(f"trace({path})")
+
+
+def test_links_for_all_consumers_and_for_one() -> None:
+    links = Links.from_table({"plant/state": "5ms", "wbc:plant/state": "20ms"})
+    mine, others = links.of("wbc", "plant/state"), links.of("logger", "plant/state")
+    assert mine is not None
+    assert others is not None
+    assert (mine.mean, others.mean) == (0.02, 0.005)
+    assert links.of("wbc", "estop") is None
+
+
+def test_services_outside_the_port_table_have_to_be_announced() -> None:
+    with pytest.raises(ConfigError, match="no service 'second'"):
+        Links.from_table({"second:estop": "5ms"})
+    assert Links.from_table({"second:estop": "5ms"}, also=["second"]).of("second", "estop")
+
+
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        ({"plant/stat": "5ms"}, "no topic 'plant/stat'.*plant/state"),
+        ({"wbc:nothing": "5ms"}, "no topic 'nothing'"),
+        ({"estop": 5}, "'estop' is wrong"),
+        ({"estop": {"mean": -1}}, "'estop' is wrong"),
+        ({"estop": "soon"}, "'estop' is wrong: 'soon' is not a duration"),
+        ({"wcb:estop": "5ms"}, "'wcb:estop': no service 'wcb'.*teleop, wbc"),
+        ({":estop": "5ms"}, "no service ''"),
+    ],
+)
+def test_wrong_links_are_refused(table: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        Links.from_table(table)
+
+
+def test_link_option_needs_an_equals_sign() -> None:
+    with pytest.raises(ConfigError, match="topic=spec"):
+        parse_link_options(["plant/state 5ms"])
+
+
+def test_links_of_one_run_do_not_jitter_alike() -> None:
+    seeds = {link_seed(s, c, t) for s in (0, 1) for c in ("a", "b") for t in ("x", "y")}
+    assert len(seeds) == 8

@@ -1,0 +1,216 @@
+"""Links are changed, told and remembered on real processes over the bus."""
+
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Self
+
+import msgpack
+import pytest
+import zenoh
+
+from common.inbox.inbox import Inbox
+from common.inbox.subscriptions import subscribe
+from common.links.client import ask, change, everybody
+from common.links.config import Links
+from common.links.control import LinkControlError, LinkRequest, links_key
+from common.links.spec import LinkSpec
+from common.runtime.live.components import RunnerContext
+from common.runtime.live.link_server import LinkServer
+from common.schemas import LinkChange, Message
+from common.topics import LINK_CHANGE, PLANT_STATE, WBC_COMMAND
+from tests.common.runtime.test_live import Stack
+
+WATCHED = (LINK_CHANGE, WBC_COMMAND)
+
+
+class Watched(Stack):
+    """The toy stack, and everything it tells of links."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.told: list[LinkChange] = []
+        self.watched = Inbox(WATCHED)
+        self._more = subscribe(self.session, self.config.robot, self.watched, WATCHED)
+
+    def heard(self, service: str, link: str, reason: str) -> bool:
+        def there() -> bool:
+            self.watched.begin_step(time.monotonic_ns())
+            self.told += self.watched.events(LINK_CHANGE)
+            return any(
+                (told.service, told.link, told.reason) == (service, link, reason)
+                for told in self.told
+            )
+
+        return self.until(there)
+
+    def ages(self, count: int = 30) -> list[float]:
+        """Age [s] of the states behind ``count`` commands made from now on."""
+        now, ages = time.monotonic_ns(), list[float]()
+
+        def collect() -> bool:
+            self.watched.begin_step(time.monotonic_ns())
+            self.told += self.watched.events(LINK_CHANGE)
+            command = self.watched.latest(WBC_COMMAND)
+            if command is not None and self.watched.updated(WBC_COMMAND):
+                sent = command.header.sent
+                if sent > now:
+                    ages.append(1e-9 * (sent - command.header.stamp))
+            return len(ages) >= count
+
+        assert self.until(collect)
+        return ages
+
+    def set(self, **links: str | None) -> dict[str, list[tuple[str, str, str]]]:
+        table = {
+            name.replace("__", "/"): None if text is None else LinkSpec.parse(text)
+            for name, text in links.items()
+        }
+        answers = change(self.session, self.config.robot, table)
+        assert not answers.errors
+        return {
+            name: [(c.topic, c.previous, c.link) for c in reply.changed]
+            for name, reply in answers.replies.items()
+        }
+
+    def stop(self) -> None:
+        self._more.clear()
+        super().stop()
+
+
+@pytest.fixture
+def stack() -> Iterator[Watched]:
+    running = Watched()
+    yield running
+    running.stop()
+
+
+def test_link_set_live_works_is_told_and_survives_a_restart(stack: Watched) -> None:
+    stack.start("sim", "plant")
+    wbc = stack.start("wbc", "controller", "--link", "plant/state=20ms")
+    assert stack.until(stack.loop_closed)
+    assert stack.heard("wbc", "20ms", "start")
+    # Those that do not read it say so; the one that does says what it was.
+    assert stack.set(plant__state="150ms") == {
+        "sim": [],
+        "wbc": [("plant/state", "20ms", "150ms")],
+    }
+    assert stack.heard("wbc", "150ms", "request")
+    # Until the first state comes through the new link, the last of the old one is used on.
+    assert min(stack.ages(60)[30:]) >= 0.150
+    listed = everybody(stack.session, stack.config.robot).replies["wbc"]
+    row = next(row for row in listed.inputs if row.topic == PLANT_STATE.name)
+    assert (row.link, row.requested_mean, row.lost) == ("150ms", 0.15, 0)
+    assert row.arrived > 20
+    assert row.achieved_mean == pytest.approx(0.15, abs=1e-9)
+    wbc.kill()
+    wbc.wait()
+    stack.told.clear()
+    stack.start("wbc", "controller", "--link", "plant/state=20ms")
+    assert stack.heard("wbc", "150ms", "peer")
+    assert min(stack.ages(60)[30:]) >= 0.150
+    # The other one's memory is enough the other way round, too.
+    assert stack.set(plant__state=None)["wbc"] == [("plant/state", "150ms", "")]
+    assert stack.heard("wbc", "", "request")
+    assert min(stack.ages(60)) < 0.100
+
+
+def test_short_name_is_known_and_wrong_ones_are_refused_by_all(stack: Watched) -> None:
+    stack.start("wbc", "controller")
+    assert stack.set(both="30ms")["wbc"] == [("teleop/gait", "", "30ms")]
+    answers = ask(
+        stack.session,
+        stack.config.robot,
+        LinkRequest.model_validate({"action": "set", "links": {"comand": "5ms"}}),
+    )
+    assert answers.replies == {}
+    assert "wbc: link 'comand': no topic 'comand'" in answers.errors[0]
+    key = links_key(stack.config.robot, "*")
+    for garbage in (b"", b"\xc1\x00", b"\x81\xa6action\xa3fly"):
+        (answer,) = list(stack.session.get(key, payload=garbage, target=zenoh.QueryTarget.ALL))
+        assert answer.err is not None
+        assert b"LinkRequest" in answer.err.payload.to_bytes()
+    # Still there, with what was set before.
+    assert everybody(stack.session, stack.config.robot).replies["wbc"].live[0].name == "both"
+
+
+def test_nobody_there_is_said(stack: Watched) -> None:
+    with pytest.raises(LinkControlError, match=r"no service of 'draco3' answered in 0.3 s"):
+        everybody(stack.session, stack.config.robot, patience_s=0.3)
+
+
+class FakeSession:
+    """A transport over which nothing comes by itself."""
+
+    def declare_queryable(self, _key: str, receive: Callable[[Any], None], **_: Any) -> Self:
+        self.receive = receive
+        return self
+
+    def get(self, *_: Any, **__: Any) -> None:
+        return
+
+    def undeclare(self) -> None:
+        return
+
+
+class Query:
+    """A request, and what it is answered with."""
+
+    def __init__(self, request: dict[str, Any]) -> None:
+        self.payload = self
+        self.answer: bytes | None = None
+        self.error = ""
+        self._bytes: bytes = msgpack.packb(request)
+
+    def to_bytes(self) -> bytes:
+        return self._bytes
+
+    def reply(self, _key: str, payload: bytes) -> None:
+        self.answer = payload
+
+    def reply_err(self, text: str) -> None:
+        self.error = text
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return
+
+
+@pytest.mark.parametrize("spec", [f"5ms seed={2**64}", "lognormal(1e-200s, 1s)"])
+def test_no_request_ends_a_service_now_or_with_the_next_message(spec: str) -> None:
+    inbox = Inbox((PLANT_STATE,), service="wbc")
+    component, session = LinkServer("wbc", Links()), FakeSession()
+    component.open(RunnerContext(session, "r", "wbc", 1, inbox, lambda *_: None, lambda _: False))
+    for text, works in ((spec, False), ("lognormal(1ns, 1ms)", True)):
+        query = Query({"action": "set", "links": {"plant/state": text}})
+        session.receive(query)
+        component.poll(1)
+        assert (query.answer is not None, query.error == "") == (works, works)
+        inbox.offer("plant/state", b"", 1)
+        inbox.begin_step(2)
+    component.close()
+
+
+def test_links_from_the_start_are_told_until_someone_listens() -> None:
+    told: list[Message] = []
+    listening = False
+    inbox = Inbox((PLANT_STATE,), service="wbc")
+    component = LinkServer("wbc", Links.from_table({"plant/state": "5ms"}))
+
+    context = RunnerContext(
+        FakeSession(), "r", "wbc", 1, inbox, lambda _, m: told.append(m), lambda _: listening
+    )
+    component.open(context)
+    now = time.monotonic_ns()
+    for tenth in range(20):
+        component.poll(now + tenth * 100_000_000)
+    assert told == []
+    assert component.due_ns < now + 10 * 10**9
+    listening = True
+    for tenth in range(20, 200):
+        component.poll(now + tenth * 100_000_000)
+    links = [(m.topic, m.link, m.reason) for m in told if isinstance(m, LinkChange)]
+    # Again a little later, for a logger that comes after the first listener.
+    assert links == [("plant/state", "5ms", "start")] * 3
+    component.close()

@@ -1,0 +1,226 @@
+"""Which trials are run and kept, whoever is how fast and whatever was there before."""
+
+import errno
+import random
+from concurrent.futures import Future
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+from common.episodes.errors import EpisodeError
+from lab.demonstrations.collect.collect import Standing, collect
+from lab.demonstrations.collect.dataset import Build
+from lab.demonstrations.collect.episode import EpisodeResult
+from lab.demonstrations.collect.store import INDEX, IndexLine, Store
+from tests.lab.demonstrations.collect.support import (
+    FAILING,
+    RECIPE,
+    FakeCrew,
+    digests,
+    gather,
+    made,
+    meta,
+)
+
+
+def _same(crew: FakeCrew) -> FakeCrew:
+    return crew
+
+
+def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
+    tmp_path: Path,
+) -> None:
+    gather(tmp_path / "one", 7)
+    kept = sorted(path.stem for path in (tmp_path / "one" / "episodes").iterdir())
+    assert kept == [f"{seed:06d}" for seed in (0, 2, 3, 7, 8, 9, 10)]
+    rejected = sorted(path.stem for path in (tmp_path / "one" / "rejected").iterdir())
+    assert rejected == [f"{seed:06d}" for seed in (1, 4, 5, 6)]
+    for jobs, haste in ((2, 1), (3, 2), (5, 3), (20, 4)):
+        root = tmp_path / f"{jobs}"
+        crew = FakeCrew(jobs, FAILING, haste, together=min(jobs, 7))
+        collect(RECIPE, Store(root), partial(_same, crew), wanted=7)
+        assert crew.ended
+        assert digests(root) == digests(tmp_path / "one")
+
+
+def test_a_set_can_be_enlarged(tmp_path: Path) -> None:
+    gather(tmp_path / "whole", 9)
+    gather(tmp_path / "grown", 3, jobs=2)
+    crew = gather(tmp_path / "grown", 9, jobs=2)
+    assert 0 not in crew.given
+    assert digests(tmp_path / "grown") == digests(tmp_path / "whole")
+
+
+def test_what_a_killed_run_leaves_is_mended(tmp_path: Path) -> None:
+    gather(tmp_path / "whole", 7)
+    choose = random.Random(5)
+    for attempt in range(6):
+        root = tmp_path / f"{attempt}"
+        gather(root, 7)
+        done = Store(root).files()
+        # Of the trials some are missing, one is half written, the index is cut at any byte.
+        for path in choose.sample(done, choose.randint(1, len(done))):
+            if choose.random() < 0.3:
+                path.with_name(path.name + ".part").write_bytes(path.read_bytes()[:100])
+            path.unlink()
+        index = (root / INDEX).read_bytes()
+        (root / INDEX).write_bytes(index[: choose.randint(0, len(index))])
+        gather(root, 7, jobs=3, haste=attempt)
+        assert digests(root) == digests(tmp_path / "whole")
+
+
+def test_what_others_make_in_the_data_set_is_let_be(tmp_path: Path) -> None:
+    gather(tmp_path, 2)
+    # As an export has while it is made.
+    export = tmp_path / ".export.part"
+    (export / "data").mkdir(parents=True)
+    (export / "data" / "file.part").write_text("1")
+    (tmp_path / "episodes" / "000009.h5.part").write_text("")
+    gather(tmp_path, 3)
+    assert [path.name for path in tmp_path.rglob("*.part")] == [".export.part", "file.part"]
+
+
+def test_nothing_to_do_needs_no_worker(tmp_path: Path) -> None:
+    gather(tmp_path, 3)
+
+    def none() -> FakeCrew:
+        raise AssertionError
+
+    standing = collect(RECIPE, Store(tmp_path), none, wanted=3)
+    assert (standing.successes, standing.resumed) == (3, 4)
+
+
+def test_it_gives_up_after_so_many_trials(tmp_path: Path) -> None:
+    crew = FakeCrew(2, set(range(100)))
+    standing = collect(RECIPE, Store(tmp_path), lambda: crew, wanted=2, max_trials=5)
+    assert not standing.complete
+    assert crew.given == [0, 1, 2, 3, 4]
+
+
+def test_the_listener_hears_of_each_trial(tmp_path: Path) -> None:
+    heard: list[int] = []
+
+    def tell(standing: Standing, line: IndexLine | None) -> None:
+        if line is not None:
+            assert line.meta.seed in standing.lines
+            heard.append(line.meta.seed)
+
+    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, FAILING), wanted=3, tell=tell)
+    assert heard == [0, 1, 2, 3]
+
+
+class LosingCrew(FakeCrew):
+    """Loses its worker at the given seeds, so many times each."""
+
+    lost: tuple[type[Exception], ...] = (BrokenPipeError,)
+
+    def __init__(self, losses: dict[int, int], jobs: int = 2) -> None:
+        super().__init__(jobs, set())
+        self._losses = losses
+
+    def submit(self, seed: int) -> "Future[EpisodeResult]":
+        if not self._losses.get(seed):
+            return super().submit(seed)
+        self._losses[seed] -= 1
+        future: Future[EpisodeResult] = Future()
+        future.set_exception(BrokenPipeError("gone"))
+        return future
+
+
+def test_a_lost_worker_costs_nothing_but_time(tmp_path: Path) -> None:
+    said: list[str] = []
+    crew = LosingCrew({1: 2, 3: 1})
+    collect(RECIPE, Store(tmp_path / "lost"), lambda: crew, wanted=5, say=said.append)
+    assert sum("makes it again" in text for text in said) == 3
+    collect(RECIPE, Store(tmp_path / "whole"), lambda: FakeCrew(1, set()), wanted=5)
+    assert digests(tmp_path / "lost") == digests(tmp_path / "whole")
+
+
+def test_a_trial_that_costs_every_worker_ends_it_and_what_is_done_is_kept(tmp_path: Path) -> None:
+    crew = LosingCrew({2: 99}, jobs=1)
+    with pytest.raises(EpisodeError, match="seed 2 has cost 3 workers"):
+        collect(RECIPE, Store(tmp_path), lambda: crew, wanted=5)
+    assert crew.ended
+    assert 1 in [line.meta.seed for line in Store(tmp_path).scan()]
+
+
+def test_two_writers_are_refused(tmp_path: Path) -> None:
+    with (
+        Store(tmp_path).writing(RECIPE, Build.here()),
+        pytest.raises(EpisodeError, match="another process"),
+    ):
+        gather(tmp_path, 1)
+
+
+def test_the_index_is_rebuilt_from_the_files(tmp_path: Path) -> None:
+    gather(tmp_path, 4, jobs=3)
+    store = Store(tmp_path)
+    before = (tmp_path / INDEX).read_bytes()
+    (tmp_path / INDEX).unlink()
+    with pytest.raises(EpisodeError, match="--reindex"):
+        store.index()
+    store.write_index(store.scan())
+    assert (tmp_path / INDEX).read_bytes() == before
+    assert [line.meta for line in store.index()] == [
+        made(seed, "failure" if seed in FAILING else "success").meta for seed in range(8)
+    ]
+
+
+def test_damaged_and_foreign_files_are_all_named(tmp_path: Path) -> None:
+    gather(tmp_path, 3)
+    episodes = tmp_path / "episodes"
+    path = episodes / "000000.h5"
+    path.write_bytes(path.read_bytes()[:500])
+    (episodes / "000002.h5").write_bytes(b"garbage")
+    (episodes / "000009.h5").write_bytes((episodes / "000003.h5").read_bytes())
+    about = meta(20, "failure")
+    foreign = about.recipe.model_copy(update={"pace": "fast"})
+    text = about.model_copy(update={"recipe": foreign}).model_dump_json()
+    (tmp_path / "rejected" / "000020.json").write_text(text)
+    before = digests(tmp_path)
+    with pytest.raises(EpisodeError) as error:
+        gather(tmp_path, 4)
+    for words in ("000000", "000002", "000009.h5: expected", "pace:  | fast"):
+        assert words in str(error.value)
+    assert digests(tmp_path) == before
+
+
+def test_a_full_disk_is_told_and_nothing_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[int] = []
+
+    def full(descriptor: int) -> None:
+        written.append(descriptor)
+        if len(written) > 4:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("common.files.os.fsync", full)
+        with pytest.raises(EpisodeError, match="No space left on device; make room"):
+            gather(tmp_path / "full", 7)
+    assert not list((tmp_path / "full").rglob("*.part"))
+    gather(tmp_path / "full", 7)
+    gather(tmp_path / "whole", 7)
+    assert digests(tmp_path / "full") == digests(tmp_path / "whole")
+
+
+def test_what_cannot_fit_is_refused_before_anything_is_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("lab.demonstrations.collect.space.free", lambda _path: 60e6)
+    with pytest.raises(EpisodeError, match="the disk is too small"):
+        gather(tmp_path / "new", 1000)
+    assert not (tmp_path / "new").exists()
+    gather(tmp_path / "some", 3)
+    # Invented episodes are small: measured, they fit where guessed they did not.
+    gather(tmp_path / "some", 40)
+
+
+def test_a_place_where_nothing_can_be_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(EpisodeError, match="choose another --out"):
+        gather(tmp_path / "file", 1)
+    with pytest.raises(EpisodeError, match="choose another --out"):
+        gather(tmp_path / "file" / "below", 1)

@@ -1,0 +1,62 @@
+"""Episodes made by a Ray cluster of two workers are those made here."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from common.episodes.errors import EpisodeError
+from lab.demonstrations.collect.collect import Standing, collect
+from lab.demonstrations.collect.episode import make_episode
+from lab.demonstrations.collect.executors import RayExecutor
+from lab.demonstrations.collect.store import IndexLine, Store
+from tests.lab.demonstrations.collect.support import RECIPE
+
+ray = pytest.importorskip("ray")
+
+
+@pytest.fixture
+def cluster() -> Iterator[Any]:
+    """Two nodes with one processor each."""
+    from ray.cluster_utils import Cluster
+
+    nodes = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    nodes.add_node(num_cpus=1)
+    try:
+        yield nodes
+    finally:
+        nodes.shutdown()
+
+
+def test_the_same_bytes_from_a_cluster_that_loses_a_node(cluster: Any, tmp_path: Path) -> None:
+    crews: list[RayExecutor] = []
+    doomed = cluster.add_node(num_cpus=1)
+    said: list[str] = []
+    ticks: list[int] = []
+
+    def crew() -> RayExecutor:
+        crews.append(RayExecutor(RECIPE, cluster.address, None))
+        return crews[0]
+
+    def tell(standing: Standing, _line: IndexLine | None) -> None:
+        # Every node has an episode under way when one is killed.
+        ticks.append(len(standing.lines))
+        if len(ticks) == 12:
+            cluster.remove_node(doomed, allow_graceful=False)
+
+    standing = collect(
+        RECIPE, Store(tmp_path), crew, wanted=3, max_trials=8, tell=tell, say=said.append
+    )
+    assert crews[0].size == 3
+    assert ticks[11] < 3
+    assert any("nodes now" in text for text in said)
+    assert standing.complete
+    # One made here: the same bytes.
+    line = next(line for line in standing.lines.values() if line.kept)
+    assert (tmp_path / line.file).read_bytes() == make_episode(RECIPE, line.meta.seed).content
+
+
+def test_no_cluster_is_told() -> None:
+    with pytest.raises(EpisodeError, match="no Ray cluster"):
+        RayExecutor(RECIPE, "127.0.0.1:1", 1)

@@ -1,0 +1,85 @@
+"""Data sets of invented episodes, small and quickly made."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from common.episodes.columns import COLUMNS, EYES, Rows
+from common.episodes.episode_file import EpisodeMeta, Image, to_bytes
+from lab.demonstrations.collect.dataset import Build
+from lab.demonstrations.collect.recipe import EpisodeConfig, Eyes
+from lab.demonstrations.collect.store import Store
+
+SIZE = (48, 32)
+FRAMES, VERDICT = 13, 10
+BUILD = Build(source="0123", versions={"python": "3"})
+
+
+def picture(seed: int, eye: str, frame: int, size: tuple[int, int] = SIZE) -> Image:
+    """Soft colours that tell seeds, eyes and frames apart."""
+    width, height = size
+    x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
+    phase = 0.4 * frame + seed + 2.0 * (eye == "right")
+    waves = [np.sin(3 * x + phase), np.cos(2 * y + phase), np.sin(x + y - phase)]
+    return np.asarray(np.stack(waves, axis=-1) * 100 + 128, dtype=np.uint8)
+
+
+def rows(seed: int, frames: int = FRAMES) -> Rows:
+    rng, made = np.random.default_rng(seed), Rows()
+    for frame in range(frames):
+        for column in COLUMNS:
+            width = len(column.names) or (3 if column.varies else 1)
+            value: Any = rng.normal(size=width)
+            if column.path.startswith("time/"):
+                value = np.array([1_000_000_000 + 50_000_000 * frame])
+            elif column.dtype == "<i8":
+                value = rng.integers(0, 7, size=1)
+            made.rows[column.path].append(value if column.names or column.varies else value[0])
+    return made
+
+
+def make(
+    root: Path,
+    verdicts: tuple[str, ...] = ("success", "success", "success"),
+    *,
+    task: str = "door/unlock",
+    size: tuple[int, int] | None = SIZE,
+    rows_of: dict[int, Rows] | None = None,
+    physics_steps: int = 1,
+) -> Path:
+    """A data set: the trial with seed i ends with ``verdicts[i]``."""
+    eyes = Eyes(width=size[0], height=size[1], quality=95) if size else None
+    recipe = EpisodeConfig(task=task, eyes=eyes, keep_failures=True, physics_steps=physics_steps)
+    store = Store(root)
+    with store.writing(recipe, BUILD):
+        for seed, verdict in enumerate(verdicts):
+            given = (rows_of or {}).get(seed) or rows(seed)
+            pictures = {
+                eye: [_jpeg(picture(seed, eye, i, size)) for i in range(len(given))]
+                for eye in (EYES if size else ())
+                if size
+            }
+            about = EpisodeMeta(
+                task=task,
+                seed=seed,
+                verdict=verdict,
+                reason=f"{verdict} it was",
+                completion_time=0.5,
+                verdict_frame=VERDICT,
+                frames=len(given),
+                stages=(),
+                gave_up="",
+                recipe=recipe,
+                versions=BUILD.versions,
+                source=BUILD.source,
+            )
+            store.add(about, to_bytes(about, given, pictures))
+    return root
+
+
+def _jpeg(image: Image) -> bytes:
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, file = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, 95])
+    return file.tobytes()

@@ -1,0 +1,218 @@
+"""The lerobot export, read back by pyarrow and av; lerobot's own loader is in test_loaders."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+from lab.demonstrations.export import lerobot, lerobot_layout
+from lab.demonstrations.export.source import EpisodeSelection, choose
+from lab.errors import DatasetError
+from services.sim.tasks import find_task
+from tests.lab.demonstrations.export.support import FRAMES, SIZE, VERDICT, make
+from verification.loaders.lerobot_check import middle
+from verification.loaders.original import Original, originals, psnr
+
+STATE = ("poses", "gripper_closure", "joint_sin_cos", "joint_velocity", "control_state")
+ACTION = ("hands", "grasp", "locomotion", "neck")
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+
+
+def load(path: Path) -> Any:
+    return json.loads(path.read_text())
+
+
+def table(out: Path) -> Any:
+    files = sorted((out / "data").rglob("*.parquet"))
+    return [row for path in files for row in pq.read_table(path).to_pylist()]
+
+
+def episodes(out: Path) -> Any:
+    return pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
+
+
+def joined(original: Original, group: str, names: tuple[str, ...]) -> Any:
+    return np.concatenate([original.array(f"{group}/{name}") for name in names], axis=1)
+
+
+def test_every_number_is_there(tmp_path: Path) -> None:
+    root, out = make(tmp_path / "d"), tmp_path / "out"
+    done: list[int] = []
+    lerobot.write(choose(EpisodeSelection((root,))), out, tick=done.append)
+    assert sum(done) == 3 * VERDICT
+    rows = table(out)
+    assert [row["index"] for row in rows] == list(range(3 * VERDICT))
+    for index, original in enumerate(originals([root])):
+        state = joined(original, "observation", STATE)
+        action = joined(original, "action", ACTION)
+        assert (state.shape[1], action.shape[1]) == (112, 18)
+        for frame, row in enumerate(rows[index * VERDICT : (index + 1) * VERDICT]):
+            assert row["observation.state"] == state[frame].tolist()
+            assert row["action"] == action[frame].tolist()
+            assert row["age.seen"] == original.array("age/seen")[frame, 0]
+            assert (row["episode_index"], row["frame_index"]) == (index, frame)
+            assert row["timestamp"] == np.float32(frame / 20)
+            last = frame == VERDICT - 1
+            assert (row["next.done"], row["next.success"], row["next.reward"]) == (last, last, last)
+            assert row["task_index"] == 0
+
+
+def test_the_description_fits_the_tables(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection((make(tmp_path / "d"),))), out)
+    info = load(out / "meta/info.json")
+    assert info["codebase_version"] == "v3.0"
+    assert (info["fps"], info["robot_type"]) == (20, "draco3")
+    assert (info["total_episodes"], info["total_frames"]) == (3, 3 * VERDICT)
+    assert info["splits"] == {"train": "0:3"}
+    schema = pq.read_schema(out / "data/chunk-000/file-000.parquet")
+    tabled = {key for key, about in info["features"].items() if about["dtype"] != "video"}
+    assert set(schema.names) == tabled
+    for key in ("observation.state", "action"):
+        about = info["features"][key]
+        assert about["shape"] == [len(about["names"])] == [schema.field(key).type.list_size]
+        assert len(set(about["names"])) == len(about["names"])
+    assert info["features"]["action"]["names"][-2:] == ["locomotion", "neck"]
+    assert info["features"]["observation.images.left"]["shape"] == [32, 48, 3]
+    goal = find_task("door/unlock").goal
+    tasks = pq.read_table(out / "meta/tasks.parquet")
+    assert tasks.to_pylist() == [{"task_index": 0, "task": goal}]
+    pandas = json.loads(tasks.schema.metadata[b"pandas"])
+    assert pandas["index_columns"] == ["task"]
+    for index, row in enumerate(episodes(out)):
+        assert row["tasks"] == [goal]
+        assert (row["seed"], row["success"], row["synthetic"]) == (index, True, True)
+        assert (row["dataset_from_index"], row["dataset_to_index"]) == (
+            index * VERDICT,
+            (index + 1) * VERDICT,
+        )
+    about = load(out / "meta/trill.json")
+    assert about["synthetic_operator"]
+    assert [one["seed"] for one in about["episodes"]] == [0, 1, 2]
+    assert "synthetic operator" in (out / "README.md").read_text()
+
+
+def decoded(path: Path) -> list[tuple[float, Any]]:
+    with av.open(str(path)) as file:
+        return [(frame.time, frame.to_ndarray(format="rgb24")) for frame in file.decode(video=0)]
+
+
+@pytest.mark.parametrize("limit", [200 << 20, 0])
+def test_videos_show_what_was_seen(
+    limit: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lerobot_layout, "VIDEO_MB", limit >> 20)
+    monkeypatch.setattr(lerobot_layout, "DATA_MB", limit >> 20)
+    root, out = make(tmp_path / "d"), tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection((root,))), out)
+    rows = episodes(out)
+    # A file that is large enough gets no further episode.
+    assert [row["data/file_index"] for row in rows] == ([0, 0, 0] if limit else [0, 1, 2])
+    assert len(table(out)) == 3 * VERDICT
+    for original, row in zip(originals([root]), rows, strict=True):
+        for eye in ("left", "right"):
+            key = f"videos/observation.images.{eye}"
+            file = row[f"{key}/file_index"]
+            frames = decoded(out / key / f"chunk-000/file-{file:03d}.mp4")
+            begin = row[f"{key}/from_timestamp"]
+            assert row[f"{key}/to_timestamp"] == pytest.approx(begin + VERDICT / 20)
+            found = {round((time - begin) * 20, 6): shown for time, shown in frames}
+            for frame in range(VERDICT):
+                assert psnr(found[frame], original.picture(eye, frame)) > 30.0
+
+
+def test_embedded_pictures_are_the_collected_files(tmp_path: Path) -> None:
+    root, out = make(tmp_path / "d"), tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection((root,))), out, video=False)
+    assert load(out / "meta/info.json")["features"]["observation.images.right"]["dtype"] == "image"
+    assert not (out / "videos").exists()
+    rows = table(out)
+    for index, original in enumerate(originals([root])):
+        group = original.file["images/right"]
+        for frame in range(VERDICT):
+            begin, end = group["offset"][frame : frame + 2]
+            kept = rows[index * VERDICT + frame]["observation.images.right"]
+            assert kept["bytes"] == group["data"][begin:end].tobytes()
+
+
+def test_embedded_pictures_of_another_size_lose_nothing_more(tmp_path: Path) -> None:
+    root, out = make(tmp_path / "d", ("success",)), tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection((root,), width=25, height=17)), out, video=False)
+    (expected,) = (original.picture("left", 3, (25, 17)) for original in originals([root]))
+    file = table(out)[3]["observation.images.left"]["bytes"]
+    assert file.startswith(b"\x89PNG")
+    shown = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR)
+    np.testing.assert_array_equal(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), expected)
+
+
+def test_the_figures_are_those_of_the_numbers(tmp_path: Path) -> None:
+    root, out = make(tmp_path / "d"), tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection((root,))), out, video=False)
+    whole, per_episode, rows = load(out / "meta/stats.json"), episodes(out), table(out)
+    assert set(whole) == set(load(out / "meta/info.json")["features"])
+    for key in ("observation.state", "action", "age.state", "timestamp", "next.done"):
+        parts = [rows, *(rows[i * VERDICT : (i + 1) * VERDICT] for i in range(3))]
+        found = [whole[key]]
+        found += [{n: r[f"stats/{key}/{n}"] for n in whole[key]} for r in per_episode]
+        for part, stats in zip(parts, found, strict=True):
+            values = np.array([row[key] for row in part], dtype=float).reshape(len(part), -1)
+            assert stats["count"] == [len(part)]
+            np.testing.assert_allclose(stats["min"], values.min(axis=0))
+            np.testing.assert_allclose(stats["max"], values.max(axis=0))
+            np.testing.assert_allclose(stats["mean"], values.mean(axis=0), atol=1e-12)
+            np.testing.assert_allclose(stats["std"], values.std(axis=0), atol=1e-12)
+            for name, part_below in QUANTILES.items():
+                np.testing.assert_allclose(stats[name], np.quantile(values, part_below, axis=0))
+
+
+def test_the_figures_of_pictures_are_those_of_every_fourth(tmp_path: Path) -> None:
+    root, out = make(tmp_path / "d"), tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection((root,))), out, video=False)
+    stats = load(out / "meta/stats.json")["observation.images.left"]
+    seen = [e.picture("left", f) for e in originals([root]) for f in range(0, VERDICT, 4)]
+    pixels = np.concatenate([picture.reshape(-1, 3) for picture in seen]) / 255
+    assert stats["count"] == [len(seen)]
+    for name, expected in (
+        ("min", pixels.min(axis=0)),
+        ("max", pixels.max(axis=0)),
+        ("mean", pixels.mean(axis=0)),
+        ("std", pixels.std(axis=0)),
+        ("q10", np.quantile(pixels, 0.1, axis=0, method="inverted_cdf")),
+        ("q99", np.quantile(pixels, 0.99, axis=0, method="inverted_cdf")),
+    ):
+        assert np.shape(stats[name]) == (3, 1, 1)
+        np.testing.assert_allclose(np.reshape(stats[name], 3), expected, atol=1e-9)
+
+
+def test_several_tasks_and_the_tail(tmp_path: Path) -> None:
+    roots = (make(tmp_path / "a", ("success",)), make(tmp_path / "b", task="hardware/tool"))
+    out = tmp_path / "out"
+    lerobot.write(choose(EpisodeSelection(roots, tail=True)), out)
+    rows = table(out)
+    assert len(rows) == 4 * FRAMES
+    assert [row["task_index"] for row in rows[::FRAMES]] == [0, 1, 1, 1]
+    assert [row["next.success"] for row in rows[:FRAMES]] == [
+        i >= VERDICT - 1 for i in range(FRAMES)
+    ]
+    assert [row["next.done"] for row in rows[:FRAMES]] == [i == FRAMES - 1 for i in range(FRAMES)]
+    goals = [find_task(task).goal for task in ("door/unlock", "hardware/tool")]
+    assert [row["tasks"] for row in episodes(out)] == [[goals[0]], *[[goals[1]]] * 3]
+    assert pq.read_table(out / "meta/tasks.parquet")["task"].to_pylist() == goals
+
+
+def test_odd_sizes_make_no_video(tmp_path: Path) -> None:
+    source = choose(EpisodeSelection((make(tmp_path / "d"),), width=25, height=SIZE[1]))
+    with pytest.raises(DatasetError, match="25x32"):
+        lerobot.write(source, tmp_path / "out")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d"]
+
+
+def test_the_frame_whose_neighbours_are_compared_has_one_before_it() -> None:
+    for lengths in ((5, 5), (4, 6), (3, 3, 3), (2, 1, 4)):
+        data = [{"frame_index": frame} for length in lengths for frame in range(length)]
+        assert data[middle(data)]["frame_index"] > 0

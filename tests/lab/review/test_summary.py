@@ -1,0 +1,263 @@
+"""Numbers of a summary against a life whose numbers are known."""
+
+from math import pi
+
+import pytest
+
+from common.schemas import Gait, GaitOutcome, Header
+from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
+from lab.review.film import gather
+from lab.review.run_summary import RunSummary
+from lab.review.scoring import Pose2, commanded_motions
+from lab.review.summary import summarise
+from lab.review.summary_readers import LogFindings, spread
+from services.wbc.config import GaitConfig
+from tests.lab.review.synthetic import MS, Life, Pair
+
+ACCEPTED, COMPLETED = GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED
+
+
+def test_gait_motion_is_measured_in_the_heading_at_its_start() -> None:
+    life = Life()
+    summary = summarise(life.gait(7, Gait.FORWARD, (1.0, 2.0, pi / 2), (1.01, 2.19, pi / 2)))
+    (run,) = summary.gait_runs
+    assert (run.request_id, run.gait, run.outcome) == (7, "forward", "completed")
+    assert run.forward == pytest.approx(0.19, abs=1e-9)
+    assert run.left == pytest.approx(-0.01, abs=1e-9)
+    assert run.turn_deg == pytest.approx(0.0, abs=1e-9)
+    assert run.commanded_forward == 0.2
+    assert run.duration == pytest.approx(3.0)
+
+
+def test_a_turn_on_the_spot_is_no_distance() -> None:
+    life = Life()
+    summary = summarise(life.gait(0, Gait.TURN_LEFT, (0.3, 0.1, 0.0), (0.3, 0.1, 0.3)))
+    (run,) = summary.gait_runs
+    assert run.turn_deg == pytest.approx(0.3 * 180 / pi)
+    assert abs(run.forward) < 1e-12
+    assert summary.walk.distance < 1e-12
+
+
+def test_walk_composes_the_commands_of_completed_gaits() -> None:
+    life = Life()
+    quarter = pi / 2
+    commanded = {Gait.FORWARD: Pose2(x=0.2), Gait.TURN_LEFT: Pose2(yaw=quarter)}
+    messages = [
+        *life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)),
+        *life.gait(1, Gait.TURN_LEFT, (0.2, 0, 0), (0.2, 0, quarter)),
+        *life.gait(2, Gait.FORWARD, (0.2, 0, quarter), (0.2, 0.17, quarter)),
+        life.ask(3, Gait.FORWARD),
+        life.answer(3, Gait.FORWARD, GaitOutcome.REFUSED, "not balancing"),
+    ]
+    walk = summarise(messages, commanded=commanded).walk
+    assert (walk.commanded_forward, walk.commanded_left) == pytest.approx((0.2, 0.2))
+    assert (walk.forward, walk.left) == pytest.approx((0.2, 0.17))
+    assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((90.0, 90.0))
+    assert walk.end_error == pytest.approx(0.03)
+    assert (walk.distance, walk.commanded_distance) == pytest.approx((0.37, 0.4))
+
+
+def test_turns_add_up_beyond_half_a_turn() -> None:
+    life, turn = Life(), pi / 2
+    messages = [
+        pair
+        for number in range(3)
+        for pair in life.gait(
+            number, Gait.TURN_LEFT, (0, 0, number * turn), (0, 0, (number + 1) * turn)
+        )
+    ]
+    walk = summarise(messages, commanded={Gait.TURN_LEFT: Pose2(yaw=turn)}).walk
+    assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((270.0, 270.0))
+    assert walk.end_error == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_gait_that_did_not_end_is_not_part_of_the_walk() -> None:
+    life = Life()
+    unended = list(life.gait(1, Gait.FORWARD, (0.2, 0, 0), (0.3, 0, 0)))[:-1]
+    walk = summarise([*life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)), *unended]).walk
+    assert (walk.forward, walk.commanded_forward) == pytest.approx((0.2, 0.2))
+
+
+def test_gaits_are_counted_by_type_and_outcome() -> None:
+    life = Life()
+    messages = [
+        life.ask(0, Gait.FORWARD),
+        life.ask(0, Gait.FORWARD),  # sent again, still one request
+        life.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "walking"),
+        life.answer(0, Gait.FORWARD, GaitOutcome.ACCEPTED),
+        life.answer(0, Gait.FORWARD, GaitOutcome.COMPLETED),
+        life.ask(1, Gait.SIDE_LEFT),
+        life.answer(1, Gait.SIDE_LEFT, GaitOutcome.ACCEPTED),
+        life.answer(1, Gait.SIDE_LEFT, GaitOutcome.ABORTED, "fell"),
+        life.ask(2, Gait.FORWARD),
+        life.ask(0, Gait.FORWARD, boot=2),  # another life of the operator counts from 0 again
+    ]
+    summary = summarise(messages)
+    forward, side = summary.gaits["forward"], summary.gaits["side_left"]
+    assert (forward.requested, forward.accepted, forward.completed) == (3, 1, 1)
+    assert (forward.refused, forward.aborted) == (1, 0)
+    assert (side.requested, side.accepted, side.completed, side.aborted) == (1, 1, 0, 1)
+    assert summary.gaits["total"].requested == 4
+    assert [run.outcome for run in summary.gait_runs] == [
+        "completed",
+        "aborted",
+        "requested",
+        "requested",
+    ]
+    assert summary.gait_runs[1].reason == "fell"
+
+
+def test_an_answer_recorded_before_its_request_is_still_its_answer() -> None:
+    life = Life()
+    messages = [
+        life.answer(4, Gait.TURN_RIGHT, GaitOutcome.ACCEPTED),
+        life.ask(4, Gait.TURN_RIGHT),
+        life.answer(4, Gait.TURN_RIGHT, GaitOutcome.COMPLETED),
+    ]
+    (run,) = summarise(messages).gait_runs
+    assert run.outcome == "completed"
+
+
+def test_a_fall_overrules_a_completed_run_but_not_another_verdict() -> None:
+    life = Life()
+    messages = [life.status(), life.status(fallen=True), life.status(fallen=True), life.status()]
+    assert summarise(messages).outcome == "fell"
+    assert summarise(messages).plant.falls == 1
+    assert summarise(messages, outcome="interrupted").outcome == "interrupted"
+    assert summarise([life.status()]).outcome == "completed"
+
+
+def test_plant_numbers() -> None:
+    life = Life()
+    messages = []
+    for index in range(30):
+        life.now += 100
+        messages.append(life.plant(PLANT_STATE, 0.0, 0.0, 0.0))
+        messages.append(life.status(factor=0.8 if index == 20 else 1.0, age=0.001 * (index + 1)))
+    plant = summarise(messages).plant
+    assert plant.age_at_torque_median_ms == pytest.approx(15.5)
+    assert plant.age_at_torque_p99_ms == pytest.approx(31.0)
+    assert plant.age_at_torque_p99_worst_ms == pytest.approx(60.0)
+    assert plant.real_time_factor == pytest.approx(1.0)
+    assert plant.real_time_factor_worst == pytest.approx(0.8)
+    assert (plant.commands_refused, plant.holds, plant.late_steps) == (2, 1, 3)
+    assert plant.saturated_fraction == pytest.approx(0.25)
+
+
+def test_real_time_factor_compares_robot_time_with_the_senders_clock() -> None:
+    life = Life()
+    _, first = life.plant(PLANT_STATE, 0.0, 0.0, 0.0)
+    life.now += 5000
+    topic, last = life.plant(PLANT_STATE, 0.0, 0.0, 0.0)
+    header = last.header.model_copy(update={"sent": first.header.sent + 10_000 * MS})
+    last = last.model_copy(update={"header": header})
+    summary = summarise([(topic, first), (topic, last), life.status()])
+    assert summary.plant.real_time_factor == pytest.approx(0.5)
+    assert summary.duration == pytest.approx(5.0)
+
+
+def test_services_keep_totals_and_the_worst_window() -> None:
+    life = Life()
+    messages = [
+        life.health("wbc", misses=1, median=0.001, p99=0.004),
+        life.health("wbc", misses=5, median=0.003, p99=0.009),
+        life.health("wbc", misses=5, median=0.002, p99=0.003),
+        life.health("sim", misses=0, median=0.001, p99=0.001),
+    ]
+    services = summarise(messages).services
+    assert list(services) == ["sim", "wbc"]
+    wbc = services["wbc"]
+    assert wbc.deadline_misses == 5
+    assert wbc.step_median_ms == pytest.approx(2.0)
+    assert (wbc.step_p99_ms, wbc.step_p99_worst_ms) == pytest.approx((4.0, 9.0))
+    assert (wbc.input_gaps, wbc.input_refused) == (2, 1)
+
+
+def test_topics_count_gaps_per_source_and_life() -> None:
+    life = Life()
+    messages = []
+    for index in range(11):
+        messages.append(life.plant(PLANT_STATE, 0.0, 0.0, 0.0, skip=3 if index == 5 else 0))
+        life.now += 10
+    messages += [life.health(name, misses=0, median=0, p99=0) for name in ("a", "b", "a")]
+    restarted = Header(seq=0, boot=2, source="sim", sent=life.now * MS)
+    topic, state = messages[0]
+    messages.append((topic, state.model_copy(update={"header": restarted})))
+    topics = summarise(
+        messages,
+        about_log=lambda: LogFindings(
+            dropped={"camera/left": 4, "plant/state": 1}, refused={"plant/state": 2}
+        ),
+    ).topics
+    assert topics["plant/state"].messages == 12
+    assert topics["plant/state"].gaps == 3
+    assert (topics["plant/state"].dropped, topics["plant/state"].undecodable) == (1, 2)
+    assert topics["plant/state"].rate == pytest.approx(100.0, rel=0.02)
+    assert topics[HEALTH.name].gaps == 0
+    assert topics[HEALTH.name].nominal_rate == 2 * HEALTH.rate
+    assert (topics["camera/left"].messages, topics["camera/left"].dropped) == (0, 4)
+
+
+def test_hand_errors_count_only_while_setpoints_are_fresh() -> None:
+    life = Life()
+    messages = [life.wbc(hand=(0.002, 0.004)) for _ in range(10)]
+    messages += [life.wbc(hand=(0.5, 0.5), fresh=False)]
+    tracking = summarise(messages).tracking
+    assert tracking.hand_position_mm.samples == 20
+    assert tracking.hand_position_mm.maximum == pytest.approx(4.0)
+    assert tracking.hand_position_mm.median == pytest.approx(3.0)
+    assert tracking.solver == "daqp"
+
+
+def test_an_empty_log_is_a_summary_too() -> None:
+    summary = summarise([], outcome="service died", reason="wbc ended")
+    assert summary.duration == 0.0
+    assert summary.gaits["total"].requested == 0
+    again = RunSummary.model_validate_json(summary.model_dump_json())
+    assert again == summary
+
+
+def test_spread() -> None:
+    assert spread([]).samples == 0
+    measured = spread(float(value) for value in range(101))
+    assert (measured.samples, measured.median) == (101, 50.0)
+    assert (measured.p99, measured.maximum) == (99.0, 100.0)
+
+
+def test_commanded_motions_follow_the_configuration() -> None:
+    motions = commanded_motions(GaitConfig(side_step=0.07))
+    assert motions[Gait.SIDE_RIGHT] == Pose2(y=-0.07)
+    assert motions[Gait.BACKWARD].x == -GaitConfig().backward_step
+
+
+def resent(life: Life) -> list[Pair]:
+    """A gait whose request is sent again, and answered again, when it is under way and over."""
+    one, other = life.ask(0, Gait.FORWARD), life.ask(0, Gait.FORWARD)
+    start = [life.plant(PLANT_TRUTH, 0, 0, 0), one, life.answer(0, Gait.FORWARD, ACCEPTED)]
+    life.now += 2000
+    midway = [life.plant(PLANT_TRUTH, 0.12, 0, 0), other, life.answer(0, Gait.FORWARD, ACCEPTED)]
+    life.now += 1000
+    end = [life.plant(PLANT_TRUTH, 0.2, 0, 0), life.answer(0, Gait.FORWARD, COMPLETED)]
+    life.now += 500
+    sway = [life.plant(PLANT_TRUTH, 0.21, 0, 0), life.answer(0, Gait.FORWARD, COMPLETED)]
+    return [*start, *midway, *end, *sway]
+
+
+def test_a_request_that_is_sent_again_is_one_whole_gait() -> None:
+    (run,) = summarise(resent(Life())).gait_runs
+    assert run.forward == pytest.approx(0.2, abs=1e-9)
+    assert run.duration == pytest.approx(3.0)
+    (stride,) = gather(resent(Life())).strides
+    assert (stride.start, stride.end) == (0, 2)
+
+
+def test_a_refusal_that_is_said_again_is_one() -> None:
+    life = Life()
+    refused = [life.ask(0, Gait.FORWARD), life.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "no")]
+    (run,) = summarise([*refused, *refused]).gait_runs
+    assert (run.outcome, run.refusals) == ("refused", 1)
+    # A second copy may be refused when the first is under way.
+    accepted = [life.ask(1, Gait.FORWARD), life.answer(1, Gait.FORWARD, ACCEPTED)]
+    again = [life.ask(1, Gait.FORWARD), life.answer(1, Gait.FORWARD, GaitOutcome.REFUSED, "busy")]
+    (run,) = summarise([*accepted, *again]).gait_runs
+    assert (run.outcome, run.refusals) == ("accepted", 0)

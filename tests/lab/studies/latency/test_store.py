@@ -1,0 +1,163 @@
+from pathlib import Path
+
+import pytest
+
+from common.errors import ConfigError
+from lab.errors import LatencyStudyError
+from lab.studies.latency.conditions import standard
+from lab.studies.latency.run import run_study
+from lab.studies.latency.store import TRIALS, Store
+from tests.lab.studies.latency.support import (
+    CONDITIONS,
+    HAMMER,
+    PLAN,
+    UNLOCK,
+    FakeCrew,
+    plan_of,
+    row,
+)
+
+
+def study(store: Store, episodes: int, crew: FakeCrew) -> int:
+    """Run it; how many trials were there before."""
+    return run_study(PLAN, store, lambda: crew, episodes=episodes, jobs=2).resumed
+
+
+def keys(store: Store) -> list[tuple[str, str, str, int]]:
+    return sorted(row.key for row in store.rows())
+
+
+def test_each_trial_is_run_once_whatever_comes_between(tmp_path: Path) -> None:
+    whole, cut = Store(tmp_path / "whole"), Store(tmp_path / "cut")
+    crew = FakeCrew()
+    study(whole, 2, crew)
+    assert len(crew.given) == 2 * 2 * 4
+    assert crew.given == list(PLAN.cells(2))
+    assert crew.ended
+
+    dies = FakeCrew(fails_at=range(6, 100))
+    with pytest.raises(LatencyStudyError, match="fewer --jobs"):
+        study(cut, 2, dies)
+    assert dies.ended
+    there = keys(cut)
+    assert 4 <= len(there) < 16
+    goes_on = FakeCrew()
+    assert study(cut, 2, goes_on) == len(there)
+    assert len(goes_on.given) == 16 - len(there)
+    assert keys(cut) == keys(whole)
+
+    more = FakeCrew()
+    assert study(cut, 3, more) == 16
+    assert {cell.seed for cell in more.given} == {2}
+    assert study(cut, 2, nobody := FakeCrew()) == 16
+    assert nobody.given == []
+
+
+def test_a_lost_worker_costs_only_time(tmp_path: Path) -> None:
+    said: list[str] = []
+    crew = FakeCrew(fails_at={3, 7})
+    run_study(PLAN, Store(tmp_path), lambda: crew, episodes=1, jobs=2, say=said.append)
+    assert len(crew.given) == 8 + 2
+    assert len(set(keys(Store(tmp_path)))) == len(keys(Store(tmp_path))) == 8
+    assert len(said) == 2
+
+
+def test_a_torn_last_line_is_run_anew(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    study(store, 1, FakeCrew())
+    path = tmp_path / TRIALS
+    content = path.read_bytes()
+    path.write_bytes(content[:-30])
+    assert len(store.rows()) == 7
+    crew = FakeCrew()
+    assert study(store, 1, crew) == 7
+    assert len(crew.given) == 1
+    assert path.read_bytes() == content
+
+
+def test_a_line_that_lacks_only_its_end_is_torn_too(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    study(store, 1, FakeCrew())
+    path = tmp_path / TRIALS
+    path.write_bytes(path.read_bytes()[:-1])
+    assert study(store, 1, FakeCrew()) == 7
+    assert len(keys(store)) == len(set(keys(store))) == 8
+
+
+def test_damage_within_is_no_torn_line(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    study(store, 1, FakeCrew())
+    path = tmp_path / TRIALS
+    path.write_bytes(path.read_bytes().replace(b'"seed":0', b'"seed":"', 1))
+    with pytest.raises(LatencyStudyError, match="line 1"):
+        store.rows()
+
+
+@pytest.mark.parametrize(
+    ("other", "says"),
+    [
+        (plan_of(*CONDITIONS[:3]), "condition latency-500: command=500ms | none"),
+        (plan_of(*standard("both")), "latency-250: command=250ms | both=250ms"),
+        (plan_of(*CONDITIONS, tasks=(UNLOCK,)), f"tasks: {UNLOCK}, {HAMMER} | {UNLOCK}"),
+        (plan_of(*CONDITIONS, physics_steps=5), "physics_steps: 1 | 5"),
+        (plan_of(*CONDITIONS, versions={"mujoco": "4"}), "versions.mujoco: 3 | 4"),
+    ],
+)
+def test_other_settings_are_refused(tmp_path: Path, other: object, says: str) -> None:
+    store = Store(tmp_path)
+    study(store, 1, FakeCrew())
+    before = (tmp_path / TRIALS).read_bytes()
+    crew = FakeCrew()
+    with pytest.raises(ConfigError, match="begun with other settings") as refused:
+        run_study(other, store, lambda: crew, episodes=2, jobs=1)  # type: ignore[arg-type]
+    assert says in str(refused.value)
+    assert crew.given == []
+    assert (tmp_path / TRIALS).read_bytes() == before
+
+
+def test_a_label_is_no_other_setting(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    study(store, 1, FakeCrew())
+    plain = plan_of(*(c.model_copy(update={"label": ""}) for c in CONDITIONS))
+    assert run_study(plain, store, FakeCrew, episodes=1, jobs=2).resumed == 8
+
+
+def test_where_no_study_can_be_is_told(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    store = Store(tmp_path / "file")
+    with pytest.raises(LatencyStudyError, match="choose another --out"):
+        study(store, 1, FakeCrew())
+    with pytest.raises(LatencyStudyError, match="cannot read"):
+        store.plan()
+    (tmp_path / "study" / TRIALS).mkdir(parents=True)
+    with pytest.raises(LatencyStudyError, match="give the same command again"):
+        Store(tmp_path / "study").add(row())
+
+
+def test_only_one_writes(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    with store.writing(PLAN), pytest.raises(LatencyStudyError, match="another process"):
+        study(Store(tmp_path), 1, FakeCrew())
+
+
+def test_persons_have_a_file_of_their_own(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.add(row(operator="human", participant="P01"))
+    assert store.rows() == []
+    assert [r.participant for r in store.human_rows()] == ["P01"]
+
+
+def test_time_left_is_that_of_the_trials_missing(tmp_path: Path) -> None:
+    left: list[float | None] = []
+    run_study(
+        PLAN,
+        Store(tmp_path),
+        FakeCrew,
+        episodes=1,
+        jobs=2,
+        tell=lambda standing, _row: left.append(standing.left),
+    )
+    # Eight trials of 4 s, two at a time.
+    assert left[0] is None
+    assert left[1] == pytest.approx(14.0)
+    assert left[-1] == 0.0

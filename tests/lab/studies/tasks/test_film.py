@@ -1,0 +1,57 @@
+"""Pictures of a trial as a file, where there is a graphics library."""
+
+from pathlib import Path
+
+import cv2
+import pytest
+
+from lab.review.film import gather
+from lab.studies.tasks.command import main
+from lab.studies.tasks.film import LARGEST, FilmError, write_sheet
+from lab.trials.stack import TrialResult
+from services.sim.errors import RenderingUnavailableError
+from tests.lab.review.synthetic import Life
+from tests.lab.review.task_life import unlocked
+
+RESULT = TrialResult("door/unlock", 7, "success", 6.0, "it was", "", "", (), 10.0, 5.0)
+
+
+def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:
+    film = gather(unlocked(Life()))
+    path = tmp_path / "new" / "sheet.jpg"
+    try:
+        write_sheet(RESULT, film, path)
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    assert 20_000 < path.stat().st_size <= LARGEST
+    sheet = cv2.imread(str(path))
+    assert sheet is not None
+    height, width, _ = sheet.shape
+    assert 1.5 < width / height < 2.0
+    # Below two rows from outside there is what the eye sees.
+    eye = sheet[-height // 4 :, : width // 5]
+    assert eye.std() > 10.0
+    assert eye.mean() < 240.0
+    with pytest.raises(FilmError, match="expected a name like sheet"):
+        write_sheet(RESULT, film, tmp_path / "sheet.hue")
+
+
+def test_a_file_cannot_hold_all_tasks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["film", "all", "--out", "one.jpg"]) == 2
+    assert "expected a directory for several tasks, got one.jpg" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("out", "words"), [("s.txt", "expected a name like sheet"), ("file/s.jpg", "cannot make")]
+)
+def test_a_place_where_no_sheet_can_be_is_told_before_the_trial(
+    out: str,
+    words: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "file").write_text("in the way")
+    monkeypatch.setattr("lab.studies.tasks.film.record", lambda _: pytest.fail("it was run"))
+    assert main(["film", "door/unlock", "--out", str(tmp_path / out)]) == 1
+    assert words in capsys.readouterr().err

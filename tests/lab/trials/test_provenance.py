@@ -1,0 +1,78 @@
+"""The digest names every module that has a part in an episode, and nothing else."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import lab.trials.provenance
+from lab.trials.provenance import ROOT, closure, digest, revision
+
+WORK = """
+import sys
+from lab.demonstrations.collect.episode import make_episode
+from lab.demonstrations.collect.recipe import Recipe
+import services.sim.physics.plant as plant, dataclasses
+found = plant.find_task
+plant.find_task = lambda name: dataclasses.replace(found(name), limit=0.3)
+for task in ("door/unlock", "bench/hammer"):
+    make_episode(Recipe(task=task, physics_steps=5, eyes=None, keep_failures=True), 0)
+for name in sorted(sys.modules):
+    if name.split(".")[0] in ("common", "services", "lab", "deploy"): print(name)
+"""
+
+
+def test_every_module_that_worked_counts() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WORK], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    worked = set(done.stdout.split())
+    counted = set(closure("lab.demonstrations.collect.episode"))
+    assert len(worked) > 60
+    assert worked <= counted
+    assert (
+        not {
+            "lab.demonstrations.collect.progress",
+            "services.teleop.keyboard.service",
+            "lab.cli.main",
+        }
+        & counted
+    )
+
+
+def test_a_changed_line_or_datum_is_another_digest_a_line_end_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "common").mkdir()
+    for name, text in (
+        ("__init__", ""),
+        ("a", "def f():\n    from common import b\n"),
+        ("b", "x = 1\n"),
+        ("c", "unused = 1\n"),
+    ):
+        (tmp_path / "common" / f"{name}.py").write_bytes(text.encode())
+    (tmp_path / "common" / "robot.xml").write_text("<robot/>")
+    monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path)
+
+    def now() -> str:
+        return digest.__wrapped__("common.a")
+
+    first = now()
+    (tmp_path / "common" / "c.py").write_text("unused = 2\n")
+    (tmp_path / "common" / "b.py").write_bytes(b"x = 1\r\n")
+    assert now() == first
+    (tmp_path / "common" / "robot.xml").write_text("<robot mass='2'/>")
+    second = now()
+    (tmp_path / "common" / "b.py").write_text("x = 2\n")
+    assert len({first, second, now()}) == 3
+
+
+def test_no_clone_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path)
+    assert revision.__wrapped__() == ""
+    subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
+    (tmp_path / "inside").mkdir()
+    monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path / "inside")
+    # Installed below somebody else's clone.
+    assert revision.__wrapped__() == ""

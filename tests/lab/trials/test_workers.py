@@ -1,0 +1,86 @@
+"""Workers that are killed or stopped: the others go on, it is told, another takes the place."""
+
+import os
+import signal
+import threading
+import time
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+import pytest
+
+from lab.trials.workers import Workers, stop_wanted, surroundings
+
+
+def pid() -> int:
+    return os.getpid()
+
+
+def busy(seconds: float) -> int:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not stop_wanted():
+        time.sleep(0.01)
+    return os.getpid()
+
+
+def test_one_that_is_killed_is_lost_alone_and_replaced() -> None:
+    workers = Workers(2)
+    try:
+        first, second = workers.submit(busy, 600.0), workers.submit(pid)
+        survivor = second.result(60.0)
+        other = workers.submit(busy, 2.0)
+        (victim,) = {worker.pid for worker in workers._workers} - {survivor}
+        os.kill(victim, signal.SIGKILL)
+        with pytest.raises(BrokenProcessPool):
+            first.result(60.0)
+        assert other.result(60.0) == survivor
+        assert {workers.submit(pid).result(60.0), survivor, victim} != {survivor, victim}
+    finally:
+        workers.end()
+
+
+def test_one_that_is_stopped_is_told_then_killed() -> None:
+    workers = Workers(1, silence=2.0, patience=10.0)
+    try:
+        future = workers.submit(busy, 600.0)
+        while workers._workers[0]._beats.value < 10:
+            time.sleep(0.1)
+        os.kill(workers._workers[0].pid, signal.SIGSTOP)
+        news: list[str] = []
+        while not future.done():
+            news += workers.watch()
+            time.sleep(0.1)
+        assert isinstance(future.exception(), BrokenProcessPool)
+        assert ["kill -CONT" in text for text in news] == [True, False]
+        assert "killed" in news[1]
+    finally:
+        workers.end()
+
+
+def test_the_end_waits_for_nobody_who_is_stopped() -> None:
+    workers = Workers(1)
+    stopped = workers.submit(pid).result(60.0)
+    workers.submit(busy, 600.0)
+    os.kill(stopped, signal.SIGSTOP)
+    workers.end()
+    until = time.monotonic() + 20.0
+    while Path(f"/proc/{stopped}").exists():
+        assert time.monotonic() < until
+        time.sleep(0.05)
+
+
+def test_ctrl_c_waits_until_a_worker_has_begun() -> None:
+    """Also when another thread takes the signal, as those of libraries do."""
+    go, reached = threading.Event(), False
+
+    def take() -> None:
+        go.wait()
+        signal.raise_signal(signal.SIGINT)
+
+    thread = threading.Thread(target=take)
+    thread.start()
+    with pytest.raises(KeyboardInterrupt), surroundings():  # noqa: PT012
+        go.set()
+        thread.join()
+        reached = True
+    assert reached

@@ -1,0 +1,116 @@
+"""Preparing a log for Rerun, and serving it to a browser and nobody else."""
+
+import os
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+
+from services.logger.export.convert import Summary, export_log
+from services.logger.export.errors import ExportError
+from services.logger.view import rerun as view
+from services.logger.view.webview import WebView
+from tests.services.logger.export_support import session, write
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[WebView]:
+    (tmp_path / "log.rrd").write_bytes(b"a recording")
+    web = WebView(tmp_path / "log.rrd", {"/": ("text/html", b"<p>page</p>")})
+    thread = threading.Thread(target=web.serve)
+    thread.start()
+    yield web
+    web.close()
+    thread.join()
+
+
+def test_the_page_names_a_recording_that_is_served(served: WebView) -> None:
+    address = urlsplit(served.url)
+    assert address.hostname == "127.0.0.1"
+    (recording,) = parse_qs(address.query)["url"]
+    with urllib.request.urlopen(recording) as answer:
+        assert answer.read() == b"a recording"
+    with urllib.request.urlopen(served.url) as answer:
+        assert answer.read() == b"<p>page</p>"
+        policy = answer.headers["Content-Security-Policy"]
+    # A browser lets a page under this policy talk to its own server only.
+    assert policy.startswith("default-src 'self' ")
+    assert "http" not in policy
+    assert "*" not in policy
+
+
+def test_other_files_are_not_served(served: WebView) -> None:
+    for path in ("/log.rrd", "/../log.rrd", "/etc/passwd"):
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(served.url.partition("/?")[0] + path)
+
+
+def test_a_taken_port_is_named(served: WebView, tmp_path: Path) -> None:
+    port = urlsplit(served.url).port
+    assert port is not None
+    with pytest.raises(ExportError, match=rf"127\.0\.0\.1:{port}: Address already in use.*--port"):
+        WebView(tmp_path / "log.rrd", {}, port)
+
+
+def test_without_rerun_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(ExportError, match=r"Rerun is not installed; pip install 'trill\[view\]'"):
+        view.prepare(tmp_path / "log.mcap", fresh=False, progress=lambda done, total: None)
+
+
+def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
+    return view.prepare(log, fresh=fresh, progress=lambda done, total: None).summary
+
+
+def test_a_recording_is_kept_until_the_log_grows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(view, "require_rerun", lambda: None)
+    monkeypatch.setattr(view, "write_recording", lambda source, path, name: path.write_text(name))
+    log = tmp_path / "log.mcap"
+    write(log, session())
+    os.utime(log, (1000.0, 1000.0))
+    first = prepare(log)
+    assert first is not None
+    assert first.converted.total() == len(session())
+    assert (tmp_path / "log-view.rrd").read_text() == tmp_path.name
+    assert prepare(log) is None
+    assert prepare(log, fresh=True) is not None
+    write(tmp_path / "log-2.mcap", session())
+    os.utime(tmp_path / "log-view.rrd", (2000.0, 2000.0))
+    again = prepare(log)
+    assert again is not None
+    assert again.converted.total() == 2 * len(session())
+    assert {path.name for path in tmp_path.iterdir()} == {
+        "log.mcap",
+        "log-2.mcap",
+        "log-view.rrd",
+    }
+
+
+def test_rerun_reads_what_is_written(tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="needs the view extra")
+    from rerun.chunk import RrdReader
+
+    write(tmp_path / "log.mcap", session())
+    export_log(tmp_path / "log.mcap", tmp_path / "out.mcap")
+    view.write_recording(tmp_path / "out.mcap", tmp_path / "view.rrd", name="a run")
+    rows: dict[str, int] = {}
+    static: set[str] = set()
+    for chunk in RrdReader(tmp_path / "view.rrd").stream():
+        if chunk.is_static:
+            static |= {
+                f"{chunk.entity_path} {name}" for name in chunk.to_record_batch().schema.names
+            }
+        if not chunk.is_static:
+            rows[chunk.entity_path] = max(rows.get(chunk.entity_path, 0), chunk.num_rows)
+    assert rows["/joints/measured/position"] == 20
+    assert rows["/camera/left"] == 5
+    assert rows["/events"] == 2
+    assert rows["/plant/state"] == 20
+    assert "/hands/left/setpoint Ellipsoids3D:half_sizes" in static
+    assert sum("Mesh3D:vertex_positions" in one for one in static) > 25

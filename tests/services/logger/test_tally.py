@@ -1,0 +1,153 @@
+"""Headers read off the wire, and the counts built on them."""
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.schemas import Gait, GaitRequest, Header
+from common.wire.codec import encode
+from common.wire.header import wire_header
+from services.logger.errors import LoggerError
+from services.logger.read.tally import (
+    MAX_STREAMS,
+    KeyCount,
+    Tally,
+    format_report,
+    from_metadata,
+    to_metadata,
+)
+
+
+def test_header_of_a_real_message() -> None:
+    header = Header(seq=7, stamp=1, sent=123_456_789_000, boot=2**62, source="x")
+    payload = encode(GaitRequest(request_id=1, gait=Gait.FORWARD), header)
+    assert wire_header(payload) == header
+
+
+def test_header_is_found_wherever_it_stands() -> None:
+    payload = msgpack.packb({"data": bytes(5000), "n": [1, {"a": 2}], "header": {"seq": 3}})
+    assert wire_header(payload) == Header(seq=3)
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"",
+        b"\xc1",
+        b"hello",
+        msgpack.packb([1, 2]),
+        msgpack.packb({"header": 3}),
+        msgpack.packb({"header": {"seq": "1"}}),
+        msgpack.packb({"header": {"seq": -1}}),
+        msgpack.packb({"other": 1}),
+        msgpack.packb({"data": bytes(100), "header": {"seq": 1}})[:50],
+    ],
+)
+def test_no_header_is_no_error(payload: bytes) -> None:
+    assert wire_header(payload) is None
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_are_survived(payload: bytes) -> None:
+    wire_header(payload)
+
+
+def numbered(tally: Tally, seqs: list[int], boot: int = 1, key: str = "a") -> None:
+    for seq in seqs:
+        tally.record(key, Header(seq=seq, boot=boot, source="s"), size=10, at_ns=1000 + seq)
+
+
+def dropped(tally: Tally, seqs: list[int], boot: int = 1, key: str = "a") -> None:
+    drops = Tally()
+    for seq in seqs:
+        drops.drop(key, Header(seq=seq, boot=boot, source="s"))
+    tally.add_drops(drops)
+
+
+def test_sent_is_recorded_and_lost_and_dropped_by_key_and_boot() -> None:
+    tally = Tally()
+    numbered(tally, [5, 6, 9, 8, 10, 10])  # starts late, loses 7; 8 comes late, 10 twice
+    numbered(tally, [0, 1], boot=2)
+    dropped(tally, [11, 12])
+    tally.record("b", None)
+    tally.drop("c", None)
+    report = tally.report()
+    a = report["a"]
+    assert (a.sent, a.recorded, a.lost, a.dropped) == (8 + 2, 5 + 2, 1, 2)
+    assert (a.repeated, a.late, a.earlier, a.bytes) == (1, 1, 5, 80)
+    assert (report["b"].sent, report["b"].recorded, report["b"].headerless) == (1, 1, 1)
+    assert (report["c"].sent, report["c"].recorded, report["c"].dropped) == (1, 0, 1)
+
+
+def test_a_message_dropped_once_and_recorded_once_is_recorded() -> None:
+    tally = Tally()
+    dropped(tally, [1, 2])
+    numbered(tally, [0, 2, 3])
+    count = tally.report()["a"]
+    assert (count.sent, count.recorded, count.lost, count.dropped) == (4, 3, 0, 1)
+
+
+def test_a_wild_number_is_no_million_lost_ones() -> None:
+    tally = Tally()
+    numbered(tally, [0, 1, 2**60, 2])
+    dropped(tally, [2**61])
+    count = tally.report()["a"]
+    assert (count.sent, count.lost, count.headerless) == (3 + 1 + 1, 0, 1)
+
+
+def test_a_flood_of_streams_is_bounded() -> None:
+    tally = Tally()
+    for boot in range(1000):
+        numbered(tally, [0], boot=boot)
+    assert tally.report()["a"].sent == 1000
+    assert len(tally.streams()["a"]) == MAX_STREAMS
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 40), st.sampled_from(["record", "drop", "lose"])), max_size=80
+    )
+)
+def test_the_account_is_exact_whatever_happens(events: list[tuple[int, str]]) -> None:
+    tally = Tally()
+    recorded: set[int] = set()
+    drops: set[int] = set()
+    for seq, what in events:
+        if what == "record":
+            numbered(tally, [seq])
+            recorded.add(seq)
+        elif what == "drop":
+            dropped(tally, [seq])
+            drops.add(seq)
+    heard = recorded | drops
+    count = tally.report().get("a", KeyCount())
+    sent = max(heard) - min(heard) + 1 if heard else 0
+    assert count.sent == sent
+    assert count.recorded == len(recorded)
+    assert count.dropped == len(drops - recorded)
+    assert count.lost == sent - len(heard)
+    again = Tally.from_state(tally.state())
+    assert again.report() == tally.report()
+
+
+def test_what_was_heard_of_before_the_damage_counts_as_sent() -> None:
+    before, after = Tally(), Tally()
+    numbered(before, list(range(10)))
+    numbered(after, [2, 3])
+    after.hear(before)
+    count = after.report()["a"]
+    assert (count.sent, count.recorded, count.lost) == (10, 2, 8)
+
+
+def test_report_survives_the_file_and_reads_well() -> None:
+    report = {"x/a": KeyCount(3, 2, 1), "x/b": KeyCount(10, headerless=5, earlier=4)}
+    assert from_metadata(to_metadata(report)) == report
+    lines = format_report(report).splitlines()
+    assert lines[0].split()[1:5] == ["sent", "recorded", "lost", "dropped"]
+    assert lines[3].split() == ["total", "16", "13", "1", "2", "0", "0", "5"]
+    assert "4 were sent" in lines[-1]
+    with pytest.raises(LoggerError, match="counts by topic"):
+        from_metadata({"a": "not json"})
+    with pytest.raises(LoggerError, match="account is unreadable"):
+        Tally.from_state({"a": "{}"})

@@ -1,0 +1,102 @@
+"""Commands to offer and inputs under the test's control."""
+
+from typing import Any, TypeVar
+
+import numpy as np
+
+from common.plant.fallback import HOLD_DAMPING, HOLD_STIFFNESS
+from common.robot.joints import NOMINAL_POSITION
+from common.runtime.service import Inputs
+from common.schemas import Header, JointCommand, Message, PlantState
+from common.topics import Topic
+from services.sim.physics.plant import Plant
+from services.sim.physics.stance import standing_torque
+
+M = TypeVar("M", bound=Message)
+MS = 1_000_000
+
+
+def make_command(stamp_ns: int, **changes: Any) -> JointCommand:
+    """A sound command at the nominal pose; ``changes`` are not validated, as on a bad day."""
+    values: dict[str, Any] = {
+        "header": Header(stamp=stamp_ns),
+        "position": NOMINAL_POSITION.copy(),
+        "velocity": np.zeros(27),
+        "acceleration": np.zeros(27),
+        "torque": np.zeros(27),
+        "stiffness": np.full(27, 100.0),
+        "damping": np.full(27, 2.0),
+        "gripper_closure": np.zeros(2),
+    }
+    return JointCommand.model_construct(**(values | changes))
+
+
+class Stander:
+    """The least of controllers: holds the pose the plant had when it was made."""
+
+    def __init__(self, plant: Plant) -> None:
+        self._position = plant.truth().joint_position
+        self._torque = standing_torque(plant.model, plant.addresses, np.array(plant.data.qpos))
+
+    def command(self, state: PlantState) -> JointCommand:
+        return make_command(
+            state.header.stamp,
+            position=self._position,
+            torque=self._torque,
+            stiffness=HOLD_STIFFNESS,
+            damping=HOLD_DAMPING,
+        )
+
+    def run(self, plant: Plant, seconds: float) -> None:
+        """Command the plant at 100 Hz, each command 5 ms after its state."""
+        for i in range(round(seconds * 1000)):
+            if i % 10 == 0:
+                state = plant.measured()
+            if i % 10 == 5:
+                assert plant.offer(self.command(state))
+            plant.step()
+
+
+def run_silently(plant: Plant, seconds: float) -> None:
+    """Let time pass without any command."""
+    for _ in range(round(seconds * 1000)):
+        plant.step()
+
+
+def state_bytes(state: PlantState) -> bytes:
+    """Everything in ``state``, to the last bit."""
+    return repr(state.model_dump()).encode()
+
+
+class FakeInputs(Inputs):
+    """Inputs set by hand; each message is updated for one step."""
+
+    def __init__(self) -> None:
+        self._latest: dict[str, Message] = {}
+        self._updated: set[str] = set()
+        self._events: dict[str, list[Any]] = {}
+
+    def put(self, topic: Topic[Any], message: Message) -> None:
+        self._latest[topic.name] = message
+        self._updated.add(topic.name)
+        self._events.setdefault(topic.name, []).append(message)
+
+    def begin_step(self) -> None:
+        """Forget what the previous step saw."""
+        self._updated.clear()
+        self._events.clear()
+
+    def latest(self, topic: Topic[M]) -> M | None:
+        return self._latest.get(topic.name)  # type: ignore[return-value]
+
+    def updated(self, topic: Topic[Any]) -> bool:
+        return topic.name in self._updated
+
+    def fresh(self, topic: Topic[Any]) -> bool:
+        return topic.name in self._latest
+
+    def age(self, topic: Topic[Any]) -> float:
+        return 0.0 if topic.name in self._latest else float("inf")
+
+    def events(self, topic: Topic[M]) -> list[M]:
+        return list(self._events.get(topic.name, []))

@@ -1,0 +1,47 @@
+"""Sensor noise has the configured size, and none by default."""
+
+import numpy as np
+import pytest
+
+from services.sim.config import TYPICAL_NOISE, SimConfig
+from services.sim.physics.noise import rotate_by
+from services.sim.physics.plant import Plant
+
+from .support import state_bytes
+
+
+def test_no_noise_by_default() -> None:
+    plant = Plant()
+    assert state_bytes(plant.measured()) == state_bytes(plant.truth())
+
+
+def test_standard_deviations() -> None:
+    plant = Plant(SimConfig(noise=TYPICAL_NOISE, start_yaw_spread=1.0, seed=4))
+    truth = plant.truth()
+    samples = [plant.measured() for _ in range(1500)]
+
+    def deviation(name: str) -> float:
+        errors = np.array([getattr(s, name) - getattr(truth, name) for s in samples])
+        assert np.abs(errors.mean(axis=0)).max() < 0.15 * errors.std(), "unbiased"
+        return float(errors.std())
+
+    assert deviation("base_position") == pytest.approx(0.002, rel=0.1)
+    assert deviation("base_linear_velocity") == pytest.approx(0.02, rel=0.1)
+    assert deviation("base_angular_velocity") == pytest.approx(0.02, rel=0.1)
+    assert deviation("joint_position") == pytest.approx(1e-4, rel=0.05)
+    assert deviation("joint_velocity") == pytest.approx(0.05, rel=0.05)
+    quaternions = np.array([s.base_quaternion for s in samples])
+    assert np.linalg.norm(quaternions, axis=1) == pytest.approx(np.ones(1500), abs=1e-12)
+    # |rotation error| of three axes: sqrt(3) sigma in the root mean square.
+    angles = 2.0 * np.arccos(np.clip(np.abs(quaternions @ truth.base_quaternion), 0.0, 1.0))
+    assert np.sqrt((angles**2).mean()) == pytest.approx(np.sqrt(3.0) * 0.0052, rel=0.1)
+    for name in ("joint_torque", "foot_normal_force", "gripper_closure"):
+        assert np.array_equal(getattr(samples[0], name), getattr(truth, name))
+
+
+def test_rotate_by_turns_in_the_body_frame() -> None:
+    quarter_z = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
+    # Yaw by 90 degrees, then a quarter turn about the body's own x.
+    turned = rotate_by(quarter_z, np.array([np.pi / 2, 0.0, 0.0]))
+    assert turned == pytest.approx([0.5, 0.5, 0.5, 0.5])
+    assert rotate_by(quarter_z, np.zeros(3)) is quarter_z

@@ -1,0 +1,55 @@
+"""A keyboard operator at a screen and a robot that are both invented."""
+
+from collections.abc import Sequence
+
+from common.robot.rotations import Array
+from common.topics import TELEOP_SETPOINT
+from services.teleop.keyboard.service import KeyboardOperator
+
+from .support import Bench, FakeController
+
+ESCAPE = {"up": b"\x1b[A", "down": b"\x1b[B", "right": b"\x1b[C", "left": b"\x1b[D"}
+
+
+class FakeScreen:
+    def __init__(self) -> None:
+        self.typed: list[bytes | None] = []
+        self.lines: list[str] = []
+        self.closed = 0
+
+    def read(self) -> bytes | None:
+        return self.typed.pop(0) if self.typed else b""
+
+    def draw(self, lines: Sequence[str]) -> None:
+        self.lines = list(lines)
+
+    def close(self) -> None:
+        self.closed += 1
+
+    @property
+    def text(self) -> str:
+        return "\n".join(self.lines)
+
+
+class Desk:
+    """A keyboard operator that has listened long enough, and its fake surroundings."""
+
+    def __init__(self, controller: FakeController | None = None, settle: float = 4.0) -> None:
+        self.screen = FakeScreen()
+        self.operator = KeyboardOperator(self.screen)
+        self.bench = Bench(self.operator, controller or FakeController())
+        self.bench.run(settle)
+
+    def type(self, *keys: str, run: float = 0.05) -> "Desk":
+        for key in keys:
+            named = {"space": b" ", "Esc": b"\x1b"} | ESCAPE
+            self.screen.typed.append(named.get(key, key.encode()))
+        self.bench.run(0.05 * len(keys) + run)
+        return self
+
+    def hand(self, side: str) -> tuple[Array, Array]:
+        message = self.bench.messages(TELEOP_SETPOINT)[-1]
+        return (
+            getattr(message, f"{side}_hand_position_in_body"),
+            getattr(message, f"{side}_hand_quaternion_in_body"),
+        )

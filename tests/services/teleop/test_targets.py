@@ -1,0 +1,161 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.robot.frames import BASE_COM_HEIGHT
+from common.robot.rotations import Array, from_rotation_vector, rotation_vector
+from common.schemas import Setpoint
+from services.teleop.targets.hand import (
+    FORWARD_HAND,
+    HandTarget,
+    TargetLimits,
+    hand_quaternion,
+    home_pose,
+)
+from services.teleop.targets.targets import OperatorTargets
+
+LIMITS = TargetLimits()
+DT = 0.05
+
+
+def test_workspace_box_is_the_public_one_seen_from_the_torso_but_further() -> None:
+    far = np.array([9.0, 9.0, 9.0])
+    top, bottom = 0.40, -0.2 + BASE_COM_HEIGHT
+    np.testing.assert_allclose(LIMITS.clamp("left", far), [0.56, 0.45, top])
+    np.testing.assert_allclose(LIMITS.clamp("left", -far), [0.15, -0.10, bottom])
+    np.testing.assert_allclose(LIMITS.clamp("right", far), [0.56, 0.10, top])
+    np.testing.assert_allclose(LIMITS.clamp("right", -far), [0.15, -0.45, bottom])
+
+
+def test_targets_start_at_the_nominal_hand_pose() -> None:
+    # Forward kinematics of the nominal joint positions (see tests of the robot model).
+    hands = OperatorTargets().hands
+    np.testing.assert_allclose(hands["left"].position, [0.3078, 0.2809996, 0.0459949])
+    np.testing.assert_allclose(
+        hands["left"].quaternion, [0.683014, 0.183013, -0.683014, -0.183013], atol=1e-5
+    )
+    np.testing.assert_allclose(
+        hands["right"].quaternion, [0.683014, -0.183013, -0.683014, 0.183013], atol=1e-5
+    )
+
+
+def positions(setpoint: Setpoint) -> Array:
+    return np.stack([setpoint.left_hand_position_in_body, setpoint.right_hand_position_in_body])
+
+
+def quaternions(setpoint: Setpoint) -> Array:
+    return np.stack([setpoint.left_hand_quaternion_in_body, setpoint.right_hand_quaternion_in_body])
+
+
+coordinate = st.floats(-1.0, 1.0)
+goals = st.lists(
+    st.tuples(
+        st.sampled_from(["left", "right"]),
+        st.tuples(coordinate, coordinate, coordinate),
+        st.tuples(*[st.floats(-3.0, 3.0)] * 3),
+        st.floats(0.001, 0.1),
+        st.integers(1, 12),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=6,
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(goals)
+def test_setpoints_never_exceed_the_speed_limits_nor_leave_the_box(goals: list[tuple]) -> None:  # type: ignore[type-arg]
+    targets = OperatorTargets()
+    before = targets.setpoint(0)
+    for side, position, turn, dt, ticks, smooth in goals:
+        targets.hands[side].go_to(np.array(position), from_rotation_vector(np.array(turn)))
+        targets.grip(side, position[0])
+        targets.look(position[1])
+        for _ in range(ticks):
+            targets.advance(dt, smooth=smooth)
+            now = targets.setpoint(0)
+            moved = np.linalg.norm(positions(now) - positions(before), axis=1)
+            assert moved.max() <= LIMITS.linear_speed * dt + 1e-12
+            for a, b in zip(quaternions(before), quaternions(now), strict=True):
+                assert np.linalg.norm(rotation_vector(a, b)) <= LIMITS.angular_speed * dt + 1e-9
+                assert a @ b > 0.0
+            np.testing.assert_allclose(np.linalg.norm(quaternions(now), axis=1), 1.0, atol=1e-12)
+            assert np.abs(now.gripper_closure - before.gripper_closure).max() <= 2.0 * dt + 1e-12
+            assert abs(now.neck_pitch - before.neck_pitch) <= 1.0 * dt + 1e-12
+            for side_index, name in enumerate(("left", "right")):
+                p = positions(now)[side_index]
+                np.testing.assert_array_equal(p, LIMITS.clamp(name, p))
+            before = now
+
+
+def test_approach_limits_acceleration_and_settles_without_overshoot() -> None:
+    hand = HandTarget("left", LIMITS)
+    start = hand.position
+    goal = start + np.array([0.15, 0.0, 0.0])
+    hand.go_to(goal, FORWARD_HAND)
+    xs = [start[0]]
+    for _ in range(80):
+        hand.approach(DT)
+        xs.append(hand.position[0])
+    speed = np.diff(xs) / DT
+    assert speed.max() == pytest.approx(LIMITS.linear_speed)
+    assert np.abs(np.diff(np.concatenate([[0.0], speed]))).max() / DT <= 2.0 + 1e-9
+    assert max(xs) <= goal[0] + 1e-9
+    assert xs[-1] == pytest.approx(goal[0], abs=1e-4)
+    assert hand.angle < 1e-3
+
+
+def test_follow_reaches_a_goal_within_reach_in_one_tick() -> None:
+    hand = HandTarget("right", LIMITS)
+    goal = hand.position + np.array([0.0, 0.01, 0.0])
+    turned = hand_quaternion(-0.5236, 0.05, 0.0)
+    hand.go_to(goal, turned)
+    hand.follow(DT)
+    np.testing.assert_allclose(hand.position, goal, atol=1e-12)
+    assert hand.angle < 1e-9
+
+
+def test_held_key_leads_by_no_more_than_the_lead() -> None:
+    hand = HandTarget("left", LIMITS)
+    for _ in range(10):
+        hand.shift(np.array([0.02, 0.0, 0.0]))
+        hand.turn(np.array([0.0, math.radians(5), 0.0]))
+    assert hand.distance == pytest.approx(LIMITS.lead_distance)
+    assert hand.angle == pytest.approx(0.4)
+
+
+def test_a_step_during_a_long_motion_does_not_cut_it_short() -> None:
+    hand = HandTarget("left", LIMITS)
+    hand.go_to(np.array([0.5, 0.281, 0.046]), FORWARD_HAND)
+    far = hand.distance
+    hand.shift(np.array([0.0, 0.0, 0.02]))
+    assert hand.distance == pytest.approx(far, rel=1e-6)
+    assert hand.goal_position[2] > 0.06
+
+
+def test_home_is_level_and_mirrored() -> None:
+    left, right = home_pose("left"), home_pose("right")
+    np.testing.assert_allclose(left[0] * [1, -1, 1], right[0])
+    np.testing.assert_array_equal(left[1], FORWARD_HAND)
+
+
+def test_adopted_setpoint_is_published_unchanged() -> None:
+    first = OperatorTargets()
+    first.hands["left"].go_to(np.array([0.4, 0.2, 0.1]), hand_quaternion(0.1, 0.2, 0.3))
+    first.grip("right", 0.7)
+    first.look(0.4)
+    for _ in range(30):
+        first.advance(DT, smooth=False)
+    second = OperatorTargets()
+    second.adopt(first.setpoint(0))
+    second.advance(DT, smooth=True)
+    a, b = first.setpoint(9), second.setpoint(9)
+    np.testing.assert_allclose(positions(a), positions(b))
+    np.testing.assert_allclose(quaternions(a), quaternions(b))
+    np.testing.assert_allclose(a.gripper_closure, [0.0, 0.7])
+    np.testing.assert_allclose(b.gripper_closure, [0.0, 0.7])
+    assert a.neck_pitch == b.neck_pitch == pytest.approx(0.4)
+    assert b.header.stamp == 9

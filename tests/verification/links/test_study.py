@@ -1,0 +1,67 @@
+"""A small version of the study of links: what consumers see is what was asked for."""
+
+from pathlib import Path
+
+import pytest
+
+from common.links.predict import predict
+from common.links.spec import LinkSpec
+from tests.common.transport.support import free_base_port
+from verification.links import simulated
+from verification.links.__main__ import main
+from verification.links.live import bench
+from verification.links.parts import RATE
+
+SECONDS = 20.0
+
+
+@pytest.mark.parametrize(("link", "delay"), [("0", 0.0), ("250ms", 0.25), ("500ms", 0.5)])
+def test_constant_links_are_exact_in_simulated_time(link: str, delay: float) -> None:
+    for found, takes in simulated.measure(link, SECONDS):
+        assert found.messages == RATE * SECONDS
+        assert set(takes.achieved) == {delay}
+
+
+def test_off_grid_delay_is_seen_by_the_next_step() -> None:
+    for _, takes in simulated.measure("123ms", SECONDS):
+        assert {round(1e3 * delay, 6) for delay in takes.achieved} == {130.0}
+
+
+def test_jitter_is_drawn_held_back_and_sampled_as_foretold() -> None:
+    link = "normal(122ms, 190ms) seed=7"
+    told = predict(LinkSpec.parse(link), RATE)
+    for found, takes in simulated.measure(link, 100.0):
+        assert all(0.0 <= error < 0.01 for error in takes.errors)
+        # 2000 messages; draws that wait for one another are about 500 independent ones.
+        assert found.drawn.mean == pytest.approx(told.predicted.mean, abs=0.03)
+        assert found.achieved.mean == pytest.approx(found.drawn.mean + 0.005, abs=0.001)
+
+
+def test_same_seed_same_delays() -> None:
+    first, again, other = (simulated.measure("paper", SECONDS, seed) for seed in (1, 1, 2))
+    assert first[0][1].rows == again[0][1].rows
+    assert first[0][1].rows != other[0][1].rows
+
+
+def test_live_links_hold_messages_for_as_long_as_asked() -> None:
+    with bench(free_base_port(20), priority=0) as running:
+        measured = running.measure("150ms", 3.0, drain_s=2.0)
+    for found, takes in measured:
+        assert found.messages > 20
+        assert min(takes.achieved) >= 0.150
+        assert found.achieved.p50 < 0.200
+
+
+def test_study_writes_its_numbers_and_pictures(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "deep" / "links"
+    words = ["--no-live", "--simulated", "5", "--links", "20ms", "--out", str(out)]
+    assert main(words) == 0
+    assert "20.0" in capsys.readouterr().out
+    lines = out.with_suffix(".csv").read_text().splitlines()
+    assert len(lines) == 3
+    assert out.with_suffix(".json").stat().st_size > 500
+    assert out.with_suffix(".png").stat().st_size > 5000
+    assert main(["--links", "wide"]) == 2
+    assert "'wide' is not a duration" in capsys.readouterr().err

@@ -1,0 +1,1 @@
+"""Rigs that prove the promises of the README; not installed with the wheel."""

@@ -1,0 +1,153 @@
+"""The projects whose loaders must take what is exported: how to install and to ask them."""
+
+import hashlib
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from lab.errors import DatasetError
+
+TORCH = ("torch==2.13.0",)
+_LONG = 3600.0
+"""For installing, or for loading everything [s]."""
+_READY = "installed"
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Loader:
+    """A project's loader.
+
+    Attributes:
+        name: of the project, with its version.
+        pythons: versions of Python that it runs on, the best first.
+        bare: packages installed without what they ask for: they pin older versions, or ask for
+            much that only their robots and simulators need.
+        packages: what loading does need.
+        module: the check.
+        exports: options of the exports to be loaded, by name.
+    """
+
+    name: str
+    pythons: tuple[str, ...]
+    bare: tuple[str, ...]
+    packages: tuple[str, ...]
+    module: str
+    exports: dict[str, dict[str, Any]]
+
+    @property
+    def form(self) -> str:
+        """Format that it reads."""
+        return self.name.partition("-")[0]
+
+
+_READING = ("numpy>=2,<3", "h5py>=3.12,<4", "opencv-python-headless>=5,<6")
+_LEROBOT = (
+    *_READING,
+    *("accelerate>=1.10,<2", "deepdiff>=8,<10", "einops>=0.8,<1", "gymnasium>=1.1,<2"),
+    *("imageio>=2.34,<3", "jsonlines>=4,<5", "packaging>=24", "pandas>=2.2,<4", "pillow>=11"),
+    *("pyarrow>=21,<27", "pyserial>=3.5,<4", "safetensors>=0.4,<1", "termcolor>=2.4", "tqdm"),
+)
+_EMBEDDED = {"pictures embedded": {"video": False}}
+LOADERS = (
+    Loader(
+        name="robomimic-0.3",
+        pythons=("3.11", "3.12"),
+        bare=("robomimic==0.3.0", "torchvision==0.28.0"),
+        packages=(
+            *_READING,
+            *("huggingface_hub<2", "imageio>=2.34,<3", "matplotlib>=3.10,<4", "psutil", "six"),
+            *("tensorboard>=2.16,<3", "tensorboardX>=2.6,<3", "termcolor", "tqdm"),
+        ),
+        module="verification.loaders.robomimic_check",
+        exports={
+            "as collected": {},
+            "scaled, compressed": {"scale_actions": True, "compress": True},
+        },
+    ),
+    Loader(
+        name="lerobot-0.4",
+        pythons=("3.11",),
+        bare=("lerobot==0.4.4", "torchvision==0.28.0"),
+        packages=(
+            *_LEROBOT,
+            *("av>=15,<19", "datasets>=4,<4.2", "diffusers>=0.30,<1", "draccus==0.10.0"),
+            "huggingface_hub>=0.34,<1",
+        ),
+        module="verification.loaders.lerobot_check",
+        exports=_EMBEDDED,  # its video decoders are gone from torchvision
+    ),
+    Loader(
+        name="lerobot-0.6",
+        pythons=("3.12",),
+        bare=("lerobot==0.6.1", "torchvision==0.28.0"),
+        packages=(
+            *_LEROBOT,
+            *("av>=15,<16", "datasets>=4.8,<5", "draccus>=0.11.6,<0.12", "huggingface_hub>=1.6,<2"),
+        ),
+        module="verification.loaders.lerobot_check",
+        exports={"video": {"video": True}, **_EMBEDDED},
+    ),
+)
+
+
+def python_of(loader: Loader) -> str | None:
+    """An interpreter that the loader runs on; None: there is none here."""
+    for version in loader.pythons:
+        if version == f"{sys.version_info.major}.{sys.version_info.minor}":
+            return sys.executable
+        found = shutil.which(f"python{version}")
+        # A version manager's stand-in may be there without its Python.
+        if (
+            found
+            and subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode == 0
+        ):
+            return found
+    return None
+
+
+def install(loader: Loader, python: str, venv: Path, say: Say) -> Path:
+    """Make the venv, unless it is there; returns its interpreter.
+
+    Raises:
+        DatasetError: something cannot be installed.
+    """
+    steps = (TORCH, ("--no-deps", *loader.bare), loader.packages)
+    mark, wanted = venv / _READY, hashlib.sha256(repr(steps).encode()).hexdigest()
+    interpreter = venv / "bin" / "python"
+    if mark.exists() and mark.read_text() == wanted:
+        return interpreter
+    say(f"{loader.name}: installing into {venv}")
+    _run([python, "-m", "venv", "--clear", str(venv)])
+    for step in steps:
+        _run([str(interpreter), "-m", "pip", "install", "-q", *step])
+    mark.write_text(wanted)
+    return interpreter
+
+
+def ask(loader: Loader, interpreter: Path, export: Path, roots: list[Path]) -> str:
+    """Let the loader load everything; returns what it found.
+
+    Raises:
+        DatasetError: it could not, or something is not as collected.
+    """
+    here = Path(__file__).resolve().parents[2]
+    command = [str(interpreter), "-m", loader.module, str(export), *map(str, roots)]
+    return _run(command, cwd=here)
+
+
+def _run(command: list[str], cwd: Path | None = None) -> str:
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=_LONG, cwd=cwd
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DatasetError(f"{' '.join(command)}: {error}") from error
+    if done.returncode:
+        last = "\n".join((done.stdout + done.stderr).splitlines()[-12:])
+        raise DatasetError(f"{' '.join(command)} failed:\n{last}")
+    return done.stdout
