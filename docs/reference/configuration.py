@@ -4,16 +4,16 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from common.bus.config import BusConfig
-from common.bus.linkspec import LinkSpec
-from common.runtime.config import RuntimeConfig
+from common.transport.config import BusConfig
+from common.links.spec import LinkSpec
+from common.runtime.live.config import RuntimeConfig
 from docs.reference.fields import Model, details_of, nested_models, summary_of, table
-from services.logger.config import LoggerConfig
-from services.sim.cameras import CameraConfig
+from services.logger.record.config import LoggerConfig
+from services.sim.rendering.cameras import CameraConfig
 from services.sim.config import SimConfig
-from services.teleop.console import KeyboardConfig
-from services.teleop.script import Script
-from services.teleop.scripted import ScriptedConfig
+from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.scripted.script import Script
+from services.teleop.scripted.service import ScriptedConfig
 from services.teleop.synthetic.service import SyntheticConfig
 from services.wbc.config import WbcConfig
 
