@@ -4,13 +4,13 @@ from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from common.transport.config import BusConfig
 from common.links.spec import LinkSpec
 from common.runtime.live.config import RuntimeConfig
+from common.transport.config import BusConfig
 from docs.reference.fields import Model, details_of, nested_models, summary_of, table
 from services.logger.record.config import LoggerConfig
-from services.sim.rendering.cameras import CameraConfig
 from services.sim.config import SimConfig
+from services.sim.rendering.cameras import CameraConfig
 from services.teleop.keyboard.console import KeyboardConfig
 from services.teleop.scripted.script import Script
 from services.teleop.scripted.service import ScriptedConfig

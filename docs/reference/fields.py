@@ -70,6 +70,8 @@ def description_of(model: Model, name: str) -> str:
     text = field.description or documented(model).get(name, "")
     if not text and isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
         text = summary_of(field.annotation)
+    if not text and len(get_args(field.annotation)) == 1 and not field.is_required():
+        text = "always this"
     # TOML has no null: what is None in the code is absent in the file.
     return re.sub(r"\bNone\b", "absent", " ".join(text.split()))
 

@@ -37,14 +37,20 @@ def topics_page() -> str:
     for schema in schemas:
         parts += [f"### {schema.__name__}", "", f"`VERSION` {schema.VERSION}. ", ""]
         parts[-2] += summary_of(schema)
-        parts += _section(schema, summary=False)
-        for field in schema.model_fields.values():
-            for model in nested_models(field.annotation):
-                if model is Header or model in shown:
-                    continue
-                shown.add(model)
-                parts += [f"#### {model.__name__}", "", *_section(model)]
+        parts += [*_section(schema, summary=False), *_inner(schema, shown)]
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _inner(model: Model, shown: set[Model]) -> list[str]:
+    """The sections of the models within ``model``, but the header, that were not shown yet."""
+    parts: list[str] = []
+    for field in model.model_fields.values():
+        for inner in nested_models(field.annotation):
+            if inner is Header or inner in shown:
+                continue
+            shown.add(inner)
+            parts += [f"#### {inner.__name__}", "", *_section(inner), *_inner(inner, shown)]
+    return parts
 
 
 def _section(model: Model, *, summary: bool = True) -> list[str]:
