@@ -90,6 +90,15 @@ def make_targets(text: str) -> set[str]:
     return {target.strip(" `),") for target in _MAKE.findall(code)}
 
 
+def trill_options(text: str) -> Iterator[tuple[str, set[str]]]:
+    """Each line of ``trill`` in a block of commands, with its long options."""
+    for block in _FENCE.finditer(text):
+        for line in block[0].splitlines():
+            match = re.search(r"(?:^|\s)trill (\S.*?)(?:\s+#.*)?$", line)
+            if match:
+                yield match[1], set(re.findall(r"(?<!\S)(--[a-z][a-z-]*)", match[1]))
+
+
 def subcommands(text: str) -> set[tuple[str, ...]]:
     """What follows ``trill`` in code: one or two words."""
     code = "\n".join([*_CODE.findall(text), *(match[0] for match in _FENCE.finditer(text))])

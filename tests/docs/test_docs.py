@@ -24,6 +24,7 @@ from .pages import (
     modules,
     pages,
     subcommands,
+    trill_options,
 )
 
 PAGES = pages()
@@ -124,6 +125,16 @@ def test_subcommands_of_trill_exist(text: str) -> None:
         assert ended.value.code == 0, f"trill {' '.join(command)}"
 
 
+def test_options_of_trill_exist(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for line, options in trill_options(text):
+        words = line.split()
+        command = words[: 2 if words[0] in NESTED else 1]
+        with pytest.raises(SystemExit):
+            main([*command, "--help"])
+        known = set(re.findall(r"--[a-z][a-z-]*", capsys.readouterr().out))
+        assert options - known == set(), line
+
+
 def test_what_pages_mention_is_found() -> None:
     text = "Run `make demo`, `trill study tlx --x` or\n```sh\ntrill up\nA=b trill top --ledger\n"
     text += "python -m services.wbc --help\nmake test ARGS=1\npython benchmarks/bench_bus.py\n```\n"
@@ -131,6 +142,7 @@ def test_what_pages_mention_is_found() -> None:
     assert subcommands(text) == {("study", "tlx"), ("up",), ("top",)}
     assert modules(text) == {"services.wbc"}
     assert files(text) == {"benchmarks/bench_bus.py"}
+    assert list(trill_options(text)) == [("up", set()), ("top --ledger", {"--ledger"})]
 
 
 def test_the_example_configuration_is_accepted(tmp_path: Path) -> None:
