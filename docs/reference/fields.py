@@ -68,8 +68,10 @@ def description_of(model: Model, name: str) -> str:
     """Return the description of a field, or what a docstring says: its class's, its type's."""
     field = model.model_fields[name]
     text = field.description or documented(model).get(name, "")
-    if not text and isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
-        text = summary_of(field.annotation)
+    kind = field.annotation
+    if not text and isinstance(kind, type) and issubclass(kind, BaseModel):
+        # A small table shows its keys in the default.
+        text = summary_of(kind) if len(kind.model_fields) > _INLINE_FIELDS else ""
     if not text and len(get_args(field.annotation)) == 1 and not field.is_required():
         text = "always this"
     # TOML has no null: what is None in the code is absent in the file.
