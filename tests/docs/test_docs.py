@@ -170,8 +170,7 @@ def test_every_key_is_explained() -> None:
         f"{model.__name__}.{name}"
         for model in covered()
         for name, field in model.model_fields.items()
-        if not description_of(model, name)
-        and not list(nested_models(field.annotation))
+        if not description_of(model, name) and not list(nested_models(field.annotation))
     }
     assert bare == set()
 
