@@ -57,7 +57,7 @@ UP_EXAMPLES = """examples:
 
 
 def bus_options(parser: argparse.ArgumentParser, port: str) -> None:
-    """Add the options that say which system is meant."""
+    """Add the options that select a system."""
     parser.add_argument("--config", type=Path, help="TOML file for the whole stack")
     parser.add_argument("--base-port", type=int, help=port)
 
@@ -70,7 +70,7 @@ def _system(parser: argparse.ArgumentParser) -> None:
         help="torque limits of plant and controller: relaxed (legs +200 N·m, as the public TRILL "
         "simulation; the standard) or rated (the URDF's; stands taller, walks slower)",
     )
-    parser.add_argument("--no-cameras", action="store_true", help="the robot does not see")
+    parser.add_argument("--no-cameras", action="store_true", help="run without cameras")
     parser.add_argument("--task", help="a scored task in its scene, e.g. door/unlock (trill tasks)")
     parser.add_argument(
         "--seed",
@@ -124,9 +124,13 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
 
 
 def _links_of(task: str) -> dict[str, str]:
-    """The links that belong to a task."""
+    """Return the links of a task.
+
+    Raises:
+        ConfigError: there is no such task, or MuJoCo is not installed.
+    """
     try:
-        # The tasks are found, and mujoco with them, only when one is asked for.
+        # Imported here, because it needs MuJoCo.
         from services.sim.errors import TaskError
         from services.sim.tasks import find_task
 
@@ -187,11 +191,11 @@ def _up(arguments: argparse.Namespace) -> int:
 def _finish(
     ended: "RunResult", arguments: argparse.Namespace, *, pictures: bool, video: bool
 ) -> int:
-    """Sum up a run; exit code 0 only if it was completed."""
+    """Sum up a run; returns exit code 0 only if it was completed."""
     from lab.review.report import finish
 
     if ended.verdict.outcome != "completed":
-        # Said at once: if there is no log to read, this is why.
+        # Printed at once: if there is no log to read, this is why.
         print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
     settings = {"torque_mode": arguments.torque_mode, "config": str(arguments.config or "")}
     summary = finish(ended, settings, pictures=pictures, video=video)
