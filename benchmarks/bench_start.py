@@ -1,6 +1,7 @@
 """How fast things start: imports, ``trill --help``, and a controller that was killed.
 
-- import: a fresh interpreter imports the main module of a service and ends;
+- import: a fresh interpreter imports the main module of a service and ends; elapsed time depends
+  on what else the machine does, processor time hardly;
 - help: ``trill --help`` from beginning to end;
 - restart: under ``trill up --no-cameras --no-record`` the controller is killed with SIGKILL; time
   runs from the kill to the first joint command of the controller that the supervisor starts
@@ -19,7 +20,7 @@ import tempfile
 from collections import defaultdict
 from pathlib import Path
 
-from benchmarks.builds import Build, own_and
+from benchmarks.builds import Build, Cost, own_and
 from benchmarks.restarts import SETTLE_S, Restart, restarts
 from common.schemas import GuardMode
 
@@ -35,29 +36,29 @@ HELP = "trill --help"
 KILLS = 3
 """Kills in one session: a supervisor restarts a service three times at most."""
 
-Times = dict[str, dict[str, list[float]]]
-"""Seconds by what was measured and by build."""
+Costs = dict[str, dict[str, list[Cost]]]
+"""Costs by what was measured and by build."""
 
 
-def measure_starts(builds: list[Build], rounds: int, folder: Path) -> Times:
+def measure_starts(builds: list[Build], rounds: int, folder: Path) -> Costs:
     """Time imports and help ``rounds`` times, the builds in turn."""
-    times: Times = defaultdict(lambda: defaultdict(list))
+    costs: Costs = defaultdict(lambda: defaultdict(list))
     for number in range(rounds + 1):
         for module in MODULES:
             for build in builds:
                 if build.has(module):
                     command = [sys.executable, "-c", f"import {module}"]
-                    _add(times, module, build, build.seconds(command, folder), number)
+                    _add(costs, module, build, build.cost(command, folder), number)
         for build in builds:
-            _add(times, HELP, build, build.seconds(build.command("--help"), folder), number)
+            _add(costs, HELP, build, build.cost(build.command("--help"), folder), number)
         print(f"imports: round {number}/{rounds}", end="\r", file=sys.stderr)
-    return times
+    return costs
 
 
-def _add(times: Times, name: str, build: Build, seconds: float, number: int) -> None:
-    """Keep a time; the first round only fills the caches."""
+def _add(costs: Costs, name: str, build: Build, cost: Cost, number: int) -> None:
+    """Keep a cost; the first round only fills the caches."""
     if number:
-        times[name][build.name].append(seconds)
+        costs[name][build.name].append(cost)
 
 
 def measure_restarts(
@@ -72,9 +73,18 @@ def measure_restarts(
     return results
 
 
-def print_starts(times: Times, builds: list[Build]) -> None:
+def print_starts(costs: Costs, builds: list[Build]) -> None:
     """Print medians, and ratios where there are two builds."""
-    print(f"{'median [s]':34}" + "".join(f"{build.name:>10}" for build in builds))
+    for index, kind in enumerate(("elapsed", "processor")):
+        seconds = {
+            name: {build: [cost[index] for cost in found] for build, found in by_build.items()}
+            for name, by_build in costs.items()
+        }
+        _print_table(f"{kind} time, median [s]", seconds, builds)
+
+
+def _print_table(title: str, times: dict[str, dict[str, list[float]]], builds: list[Build]) -> None:
+    print(f"{title:34}" + "".join(f"{build.name:>10}" for build in builds))
     for name, by_build in times.items():
         medians = [statistics.median(by_build[b.name]) for b in builds if by_build.get(b.name)]
         ratio = f"{medians[0] / medians[1]:9.2f} x" if len(medians) == 2 else ""

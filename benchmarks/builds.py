@@ -1,14 +1,29 @@
 """Builds of this project to be compared with each other: directories with their own sources."""
 
 import os
+import resource
 import subprocess
 import sys
 import time
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 OWN_ROOT = Path(__file__).resolve().parents[1]
+
+
+class Cost(NamedTuple):
+    """Time of one run of a command [s]."""
+
+    elapsed: float
+    cpu: float
+
+
+def _children_cpu() -> float:
+    """Return the processor time of all children that have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 @dataclass(frozen=True)
@@ -40,17 +55,17 @@ class Build:
         code = f"import sys; from {module} import {function}; sys.exit({function}())"
         return [sys.executable, "-c", code, *arguments]
 
-    def seconds(self, command: list[str], folder: Path) -> float:
-        """Return how long ``command`` takes in ``folder`` [s].
+    def cost(self, command: list[str], folder: Path) -> Cost:
+        """Run ``command`` in ``folder`` and return what it took.
 
         Raises:
             CalledProcessError: it fails.
         """
-        start = time.perf_counter()
+        start, used = time.perf_counter(), _children_cpu()
         subprocess.run(
             command, env=self.environment, cwd=folder, stdout=subprocess.DEVNULL, check=True
         )
-        return time.perf_counter() - start
+        return Cost(time.perf_counter() - start, _children_cpu() - used)
 
 
 def own_and(other: Path | None) -> list[Build]:
