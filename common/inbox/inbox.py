@@ -22,9 +22,8 @@ from typing import Any, TypeVar, cast
 from common.errors import TrillError
 from common.inbox.buffer import NEVER, InboxContext, TopicBuffer
 from common.inbox.status import InputStatus, age_of, health_of, is_fresh, status_of
-from common.links.config import Links, link_seed
+from common.links.config import CAMERAS, Links, link_seed
 from common.links.delay import DelayLine, DelayStats
-from common.links.names import EYES
 from common.links.spec import LinkSpec
 from common.schemas import LinkHealth, Message
 from common.topics import Topic
@@ -230,7 +229,7 @@ class Inbox:
 
     def _line(self, topic: Topic[Any], spec: LinkSpec) -> DelayLine[Any]:
         seed = link_seed(self._seed, self._service, topic.name)
-        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in EYES else None)
+        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in CAMERAS else None)
 
     def _advance_links(self, now_ns: int) -> None:
         """Move what arrived into the delay lines and what fell due out of them."""

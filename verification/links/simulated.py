@@ -1,36 +1,35 @@
-"""The links in simulated time."""
+"""Measure links in simulated time."""
 
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import StepJournal
 from common.topics import JOURNAL
-from verification.links.parts import Sender, simulated_consumers
-from verification.links.records import Result, Takes, result
+from verification.links.parts import LINKS, Sender, simulated_consumers
+from verification.links.records import Measurement, Records
 
 SETTLE_S = 1.0
 DRAIN_S = 20.0
-"""Longer than nearly any delay [s]."""
+"""Longer than nearly every delay [s]."""
 
 
-def measure(link: str, seconds: float, seed: int = 0) -> list[tuple[Result, Takes]]:
+def measure(link: str, seconds: float, seed: int = 0) -> list[Measurement]:
     """Set ``link`` on every input at a virtual time and measure for ``seconds`` of it."""
-    parts = simulated_consumers()
-    runner = SimTimeRunner([Sender(), *parts.values()], seed=seed, journal=True)
-    seen = {part.name: Takes() for part in parts.values()}
+    consumers = simulated_consumers()
+    runner = SimTimeRunner([Sender(), *consumers.values()], seed=seed, journal=True)
+    records = {consumer.name: Records() for consumer in consumers.values()}
 
-    def note(message: StepJournal) -> None:
-        if message.service in seen:
-            seen[message.service].add(message)
+    def add(journal: StepJournal) -> None:
+        if journal.service in records:
+            records[journal.service].add(journal)
 
-    runner.on_message(JOURNAL, note)
+    runner.on_message(JOURNAL, add)
     runner.run_for(SETTLE_S)
     start = runner.now_ns
-    for name in ("teleop/setpoint", "camera/left"):
+    for name in LINKS:
         runner.set_link(name, link)
     runner.run_for(seconds)
     end = runner.now_ns
     runner.run_for(DRAIN_S)
-    found = []
-    for label, part in parts.items():
-        takes = seen[part.name].between(start, end)
-        found.append((result("simulated", label, link, takes), takes))
-    return found
+    return [
+        Measurement("simulated", label, link, records[consumer.name].between(start, end))
+        for label, consumer in consumers.items()
+    ]
