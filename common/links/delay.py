@@ -19,9 +19,9 @@ ln(1 + sd²/mean²), mu = ln mean - sigma²/2); ``trace`` (recorded delays one a
 starting over at the end). The correlated latent Gaussian is an Ornstein-Uhlenbeck process
 sampled at the arrivals: g_k = r g_{k-1} + sqrt(1 - r²) n_k with r = exp(-(t_k - t_{k-1}) / tau).
 
-The two lines of a stereo pair draw ``by_time``: delay and loss of a frame depend on the seed and its
-capture time only (see :mod:`common.links.samplers`), so both pictures of a frame share them. The
-entry of a trace is then chosen by the capture time as well, in steps of ``frame_ns``.
+The two lines of a stereo pair draw ``by_time``: delay and loss of a frame depend on the seed and
+its capture time only (see :mod:`common.links.samplers`), so both pictures of a frame share them.
+The entry of a trace is then chosen by the capture time as well, in steps of ``frame_ns``.
 """
 
 import heapq
@@ -103,7 +103,7 @@ class DelayLine(Generic[T]):
         self._released = 0
         self._achieved_sum = 0
         self._achieved = array("q")
-        """A ring of the latest delays, so that their percentile costs a control loop microseconds."""
+        """A ring of the latest, so that their percentile costs a control loop microseconds."""
         self._requested = requested(spec)
 
     @property

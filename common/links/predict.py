@@ -69,7 +69,7 @@ class Prediction:
 
     @property
     def warning(self) -> str:
-        """Why the mean will not be the requested one, and the remedies; empty if it will be."""
+        """A text on why the mean will not be the requested one; empty if it will be."""
         if self.faithful:
             return ""
         mean = self.requested.mean
@@ -85,12 +85,13 @@ class Prediction:
                 f"order is kept, so {100 * self.held_back:.0f} % of the messages wait for an "
                 f"earlier one (+{1e3 * self.ordering:.0f} ms)"
             )
-            remedies.append(
-                "order=free lets messages overtake, a longer corr=TIME lets the delay change slowly"
-            )
+            remedies.append("order=free lets messages overtake each other")
+            remedies.append("a longer corr=TIME makes the delay change slowly")
         return (
             f"at {self.rate:g} Hz the mean will be {1e3 * self.predicted.mean:.0f} ms, not "
-            f"{1e3 * mean:.0f} ms: {' and '.join(reasons)}; {', '.join(remedies)}"
+            f"{1e3 * mean:.0f} ms (p99 {1e3 * self.predicted.p99:.0f} ms, not "
+            f"{1e3 * self.requested.p99:.0f} ms): {' and '.join(reasons)}. Remedies: "
+            f"{', '.join(remedies)}"
         )
 
 
@@ -129,9 +130,7 @@ def predict(spec: LinkSpec, rate: float, arrivals: int = 0) -> Prediction:
     )
 
 
-def _simulate(
-    spec: LinkSpec, rate: float, count: int, seed: int
-) -> tuple[list[float], float, int]:
+def _simulate(spec: LinkSpec, rate: float, count: int, seed: int) -> tuple[list[float], float, int]:
     """Simulate ``count`` arrivals: delays [s], what order adds to their mean [s], held back."""
     # Loss changes no delay, but would leave fewer of them to look at.
     kept = spec.model_copy(update={"seed": None, "loss": 0.0})

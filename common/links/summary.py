@@ -1,10 +1,10 @@
 """Mean, spread and percentiles of delays: as a specification requests them, and as measured."""
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from common.links.spec import Distribution, LinkSpec
 
@@ -21,11 +21,11 @@ class DelaySummary(NamedTuple):
     p99: float
 
 
-def summarize(delays: Sequence[float]) -> DelaySummary:
+def summarize(delays: npt.ArrayLike) -> DelaySummary:
     """Summarize delays [s]; zeros without data. Percentiles are values that occur."""
-    if not len(delays):
-        return DelaySummary(0.0, 0.0, 0.0, 0.0)
     values = np.asarray(delays, np.float64)
+    if not values.size:
+        return DelaySummary(0.0, 0.0, 0.0, 0.0)
     p50, p99 = np.quantile(values, (0.5, 0.99), method="inverted_cdf")
     return DelaySummary(float(values.mean()), float(values.std()), float(p50), float(p99))
 

@@ -45,7 +45,7 @@ def write_histograms(path: Path, panels: Sequence[Panel], columns: int = 1) -> N
         delays = 1e3 * np.asarray(panel.delays, float)
         marks = [1e3 * seconds for _, seconds in panel.marks]
         longest = max(1.0, *marks, float(np.percentile(delays, 99.5)) if len(delays) else 0.0)
-        axes.hist(delays, _BINS, (0.0, 1.05 * longest), color="#6c9ec4")
+        axes.hist(delays, bins=_BINS, range=(0.0, 1.05 * longest), color="#6c9ec4")
         for (name, _), delay, colour in zip(panel.marks, marks, _COLOURS, strict=False):
             axes.axvline(delay, color=colour, label=f"{name} {delay:.1f} ms")
         axes.set_title(panel.title, fontsize=10, loc="left")

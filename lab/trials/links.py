@@ -114,7 +114,9 @@ def link_warnings(links: Mapping[str, LinkSpec]) -> list[str]:
     for text, spec in links.items():
         name = LinkName.parse(text)
         services = [name.service] if name.service else list(PORT_OFFSETS)
-        topics = [t for t in ALL_TOPICS if any(name.covers(service, t.name) for service in services)]
+        topics = [
+            t for t in ALL_TOPICS if any(name.covers(service, t.name) for service in services)
+        ]
         if WBC_COMMAND in topics and spec != LinkSpec():
             found.append(f"{text}: {_GUARD}")
         predictions = [

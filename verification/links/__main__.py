@@ -88,7 +88,15 @@ def _table(measured: list[Measurement]) -> Table:
         table.add_column(name, justify="right")
     for one in measured:
         asked, done, late = one.requested, one.achieved, one.late
-        shown = (asked.mean, asked.p50, asked.p99, one.predicted.mean, done.mean, done.p50, done.p99)
+        shown = (
+            asked.mean,
+            asked.p50,
+            asked.p99,
+            one.predicted.mean,
+            done.mean,
+            done.p50,
+            done.p99,
+        )
         table.add_row(
             one.where,
             one.consumer,

@@ -19,9 +19,7 @@ ON_TIME_S = 0.001
 
 Seconds = npt.NDArray[np.float64]
 
-_STEP, _KIND, _ARRIVAL, _INJECTED = map(
-    TAKE_COLUMNS.index, ("step", "kind", "arrival", "injected")
-)
+_STEP, _KIND, _ARRIVAL, _INJECTED = map(TAKE_COLUMNS.index, ("step", "kind", "arrival", "injected"))
 
 
 class Records:

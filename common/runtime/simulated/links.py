@@ -42,7 +42,5 @@ class SimLinks:
             )
         self._live = live
         return [
-            change
-            for links in self._services.values()
-            for change in links.apply(live, "request")
+            change for links in self._services.values() for change in links.apply(live, "request")
         ]

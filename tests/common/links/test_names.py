@@ -1,4 +1,4 @@
-"""Short names reach exactly the links they stand for, and the right entry wins."""
+"""Aliases reach exactly the links they stand for, and the right entry wins."""
 
 import itertools
 from typing import Literal
@@ -7,8 +7,7 @@ import pytest
 
 from common.errors import ConfigError
 from common.inbox.inbox import Inbox
-from common.links.config import Links, link_seed
-from common.links.names import ALIASES, parse_name
+from common.links.config import ALIASES, LinkName, Links, link_seed
 from common.ports import PORT_OFFSETS
 from common.schemas import CameraFrame, Header
 from common.topics import (
@@ -28,7 +27,7 @@ EYES = {"camera/left", "camera/right"}
 
 
 def reached(alias: str, service: str) -> set[str]:
-    name = parse_name(alias)
+    name = LinkName.parse(alias)
     return {topic.name for topic in ALL_TOPICS if name.covers(service, topic.name)}
 
 
@@ -118,14 +117,14 @@ def test_variable_may_hold_two_sources() -> None:
     ("name", "text"),
     [
         ("comand", "no topic 'comand'.*command, camera, feedback, both.*teleop/setpoint"),
-        ("wcb:command", "no service 'wcb'"),
+        (":command", "':command'"),
         ("", "no topic ''"),
         ("sim:", "no topic ''"),
     ],
 )
 def test_wrong_names_are_refused(name: str, text: str) -> None:
     with pytest.raises(ConfigError, match=text):
-        parse_name(name)
+        LinkName.parse(name)
 
 
 def test_both_eyes_have_one_seed_and_nothing_else_shares_it() -> None:

@@ -123,7 +123,7 @@ def test_services_outside_the_port_table_have_to_be_announced() -> None:
         ({"estop": {"mean": -1}}, "'estop' is wrong"),
         ({"estop": "soon"}, "'estop' is wrong: 'soon' is not a duration"),
         ({"wcb:estop": "5ms"}, "'wcb:estop': no service 'wcb'.*teleop, wbc"),
-        ({":estop": "5ms"}, "no service ''"),
+        ({":estop": "5ms"}, "':estop'"),
     ],
 )
 def test_wrong_links_are_refused(table: dict[str, Any], text: str) -> None:
