@@ -114,15 +114,16 @@ def _write(out: Path, measured: list[Measurement], about: dict[str, Any]) -> Non
     content = {"about": about, "results": [one.as_json() for one in measured]}
     text = json.dumps(content, indent=1, ensure_ascii=False)
     out.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+    links = list(dict.fromkeys(one.link for one in measured))
     panels = [
         Panel(
             f"{one.where}: {one.consumer}: {one.link}   n = {len(one.records.rows)}",
             one.records.achieved.tolist(),
             (("requested mean", one.requested.mean), ("achieved mean", one.achieved.mean)),
         )
-        for one in measured
+        for one in sorted(measured, key=lambda one: links.index(one.link))
     ]
-    write_histograms(out.with_suffix(".png"), panels, columns=3)
+    write_histograms(out.with_suffix(".png"), panels, columns=len(measured) // len(links))
 
 
 def _free_base_port() -> int:
