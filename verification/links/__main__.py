@@ -18,9 +18,13 @@ from common.links.spec import LinkSpec
 from lab.review.delay_plot import Panel, write_histograms
 from verification.links import simulated
 from verification.links.live import bench
-from verification.links.records import Measurement
+from verification.links.measurement import Measurement
 
 LINKS = ("0", "250ms", "500ms", "normal(122ms, 190ms) seed=7", "paper seed=7")
+COLUMNS = (
+    *("requested mean", "requested p50", "requested p99", "predicted mean"),
+    *("achieved mean", "achieved p50", "achieved p99", "late p50", "late p99"),
+)
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
@@ -74,7 +78,7 @@ def _measure(arguments: argparse.Namespace, about: dict[str, Any]) -> list[Measu
         with bench(base_port, arguments.rt_priority) as running:
             for link in track(arguments.links, "live", transient=True):
                 measured += running.measure(link, arguments.seconds)
-            about["scheduling"] = running.scheduling
+            about["scheduling"] = running.scheduling()
     return measured
 
 
@@ -82,28 +86,20 @@ def _table(measured: list[Measurement]) -> Table:
     table = Table(title="delays in ms", title_justify="left")
     for name in ("where", "consumer", "link"):
         table.add_column(name, overflow="fold")
-    for name in ("n", "asked mean", "p50", "p99", "foretold mean", "achieved mean", "p50", "p99"):
-        table.add_column(name, justify="right")
-    for name in ("late p50", "p99", "≤ 1 ms"):
+    for name in ("n", *COLUMNS, "≤ 1 ms late"):
         table.add_column(name, justify="right")
     for one in measured:
-        asked, done, late = one.requested, one.achieved, one.late
-        shown = (
-            asked.mean,
-            asked.p50,
-            asked.p99,
-            one.predicted.mean,
-            done.mean,
-            done.p50,
-            done.p99,
-        )
+        figures = {
+            f"{kind} {name}": f"{1e3 * seconds:.2f}"
+            for kind, summary in one.summaries.items()
+            for name, seconds in summary._asdict().items()
+        }
         table.add_row(
             one.where,
             one.consumer,
             one.link,
-            str(len(one.records.rows)),
-            *(f"{1e3 * seconds:.1f}" for seconds in shown),
-            *(f"{1e3 * seconds:.2f}" for seconds in (late.p50, late.p99)),
+            str(len(one.late)),
+            *(figures[name] for name in COLUMNS),
             f"{100 * one.on_time:.1f} %",
         )
     return table
@@ -117,9 +113,9 @@ def _write(out: Path, measured: list[Measurement], about: dict[str, Any]) -> Non
     links = list(dict.fromkeys(one.link for one in measured))
     panels = [
         Panel(
-            f"{one.where}: {one.consumer}: {one.link}   n = {len(one.records.rows)}",
-            one.records.achieved.tolist(),
-            (("requested mean", one.requested.mean), ("achieved mean", one.achieved.mean)),
+            f"{one.where}: {one.consumer}: {one.link}   n = {len(one.late)}",
+            one.achieved.tolist(),
+            [(f"{kind} mean", one.summaries[kind].mean) for kind in ("requested", "achieved")],
         )
         for one in sorted(measured, key=lambda one: links.index(one.link))
     ]
