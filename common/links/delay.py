@@ -32,7 +32,7 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from common.links.samplers import DelaySampler, SequentialSampler, TimeSampler
+from common.links.samplers import SequentialSampler, TimeSampler
 from common.links.spec import Distribution, LinkSpec
 from common.links.summary import lognormal_parameters, requested
 
@@ -92,8 +92,7 @@ class DelayLine(Generic[T]):
         """Whether :meth:`push` draws by the time of capture."""
         self._frame_ns = frame_ns or 1
         chosen = spec.seed if spec.seed is not None else seed
-        sampler = TimeSampler if self.by_time else SequentialSampler
-        self._sampler: DelaySampler = sampler(chosen)
+        self._sampler = TimeSampler(chosen) if self.by_time else SequentialSampler(chosen)
         self._heap: list[tuple[int, int, int, T]] = []
         self._count = 0
         self._last_due = 0

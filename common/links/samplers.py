@@ -9,28 +9,10 @@ function of the seed and the frame's capture time alone (:class:`TimeSampler`).
 import math
 import random
 from collections import deque
-from typing import Protocol
 
 _CELLS_PER_TAU = 16
 _MEMORY = 96
 """Cells of noise in a correlated value: six time constants."""
-
-
-class DelaySampler(Protocol):
-    """Draws the random numbers that decide about a link's messages."""
-
-    def gauss(self, time_ns: int, tau: float) -> float:
-        """Draw a standard normal number for the next message.
-
-        Args:
-            time_ns: when the message arrived, or was captured [ns].
-            tau: time constant of the correlation [s]; 0: independent numbers.
-        """
-        ...
-
-    def lost(self, time_ns: int, probability: float) -> bool:
-        """Decide whether the next message is lost."""
-        ...
 
 
 class SequentialSampler:
@@ -44,7 +26,12 @@ class SequentialSampler:
         self._at_ns = 0
 
     def gauss(self, time_ns: int, tau: float) -> float:
-        """See :class:`DelaySampler`."""
+        """Draw a standard normal number for the next message.
+
+        Args:
+            time_ns: when the message arrived, or was captured [ns].
+            tau: time constant of the correlation [s]; 0: independent numbers.
+        """
         fresh = self._delays.gauss(0.0, 1.0)
         if tau > 0.0 and self._latent is not None:
             r = math.exp(-1e-9 * max(0, time_ns - self._at_ns) / tau)
@@ -54,7 +41,7 @@ class SequentialSampler:
         return fresh
 
     def lost(self, time_ns: int, probability: float) -> bool:
-        """See :class:`DelaySampler`."""
+        """Decide whether the next message is lost."""
         del time_ns
         return probability > 0.0 and self._losses.random() < probability
 
@@ -78,7 +65,7 @@ class TimeSampler:
         self._cell: int | None = None
 
     def gauss(self, time_ns: int, tau: float) -> float:
-        """See :class:`DelaySampler`."""
+        """Draw a standard normal number, as :meth:`SequentialSampler.gauss` does."""
         if tau <= 0.0:
             return self._generator("delay", time_ns).gauss(0.0, 1.0)
         cell = time_ns * _CELLS_PER_TAU // max(1, round(1e9 * tau))
@@ -93,7 +80,7 @@ class TimeSampler:
         return math.fsum(w * n for w, n in zip(self._weights, self._noise, strict=True))
 
     def lost(self, time_ns: int, probability: float) -> bool:
-        """See :class:`DelaySampler`."""
+        """Decide whether the message of that time is lost."""
         return probability > 0.0 and self._generator("loss", time_ns).random() < probability
 
     def _generator(self, kind: str, number: int) -> random.Random:

@@ -5,17 +5,12 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from common.errors import TrillError
 from common.journal.ledger import Durations, Ledger
 from common.links.predict import predict
 from common.links.spec import LinkSpec
 from common.links.summary import DelaySummary, requested, summarize
 from verification.links.parts import RATE, Consumer
-
-ON_TIME_S = 0.001
-"""A message that a step has at most this late is on time [s]."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +37,6 @@ class Measurement:
         return self.injected + self.late
 
     @property
-    def on_time(self) -> float:
-        """Share of the messages at most :data:`ON_TIME_S` late."""
-        return float(np.mean(self.late <= ON_TIME_S))
-
-    @property
     def summaries(self) -> dict[str, DelaySummary]:
         """Distributions by name: requested, predicted, injected, achieved, late."""
         return {
@@ -61,7 +51,7 @@ class Measurement:
         """Return all figures; durations in seconds."""
         figures = {name: summary._asdict() for name, summary in self.summaries.items()}
         about = {"where": self.where, "consumer": self.consumer, "link": self.link}
-        return about | {"messages": len(self.late), "on_time": self.on_time} | figures
+        return about | {"messages": len(self.late)} | figures
 
 
 def measurements(
