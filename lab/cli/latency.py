@@ -1,4 +1,4 @@
-"""``trill latency``: injected delays of a running system, and what one will do."""
+"""``trill latency``: read and set the injected delays of a running system, and predict them."""
 
 import argparse
 import contextlib
@@ -36,19 +36,20 @@ _SPECS = f"""specifications:
 {_PRESETS}
              (the TRILL paper's real robot, 122 ± 190 ms; the mean over one minute varies widely)
   Messages keep their order unless order=free, which makes a wide jitter longer than asked for:
-  trill latency explain predicts by how much."""
+  trill latency explain predicts by how much and names remedies."""
 
-TEXT = f"""Inject latency, jitter and loss on links of a running system, see what they do, or
-compute it beforehand. A change holds for services that are started later, too, as long as one
-service keeps running; it is in the log as LinkChange, and its delay in every message's header.
+TEXT = f"""Inject latency, jitter and loss on links of a running system, measure what they do, or
+predict it beforehand. A change also holds for services that are started later, as long as one
+service keeps running. It is in the log as LinkChange, and its delay in every message's header.
 
 {_NAMES}
 
 {_SPECS}
 
-At the start the same names and specifications are taken by trill up, demo and drive
-(--latency command=250ms), by every service (--link), by TRILL_LINKS and by [links] in the
-configuration file. The later of these wins, and within one the more specific name."""
+trill up, demo and drive take the same names and specifications at the start (--latency
+command=250ms), and so do every service (--link), TRILL_LINKS and the table [links] of the
+configuration file. What is set while the system runs wins over --link, that over TRILL_LINKS and
+--latency, and these over the file; within one of them the more specific name wins."""
 EXAMPLES = """examples:
   trill latency show
   trill latency set command 250ms
@@ -98,7 +99,7 @@ def _clear_options(parser: argparse.ArgumentParser) -> None:
 def _explain_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("spec", nargs="+", help="a specification")
     parser.add_argument("--rate", type=float, default=20.0, help="messages per second (20)")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw a histogram")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot a histogram")
 
 
 def _reach(parser: argparse.ArgumentParser) -> None:
@@ -212,7 +213,7 @@ def _explain(arguments: argparse.Namespace) -> int:
         requested, predicted = prediction.requested.mean, prediction.predicted.mean
         marks = (("requested mean", requested), ("predicted mean", predicted))
         write_histograms(arguments.plot, [Panel(title, prediction.delays, marks)])
-        print(f"drawn in {arguments.plot}")
+        print(f"plotted in {arguments.plot}")
     return 0
 
 
@@ -231,7 +232,14 @@ def _print_answers(answers: "Answers") -> int:
 
 _HOW = f"{_NAMES}\n\n{_SPECS}"
 ACTIONS = (
-    Command("show", "what is injected now", "Every input of every service.", "", _reach, _show),
+    Command(
+        "show",
+        "list the delays injected now",
+        "List every input of every service with its delay, requested and achieved.",
+        "",
+        _reach,
+        _show,
+    ),
     Command(
         "set",
         "put a delay on links",
@@ -242,16 +250,16 @@ ACTIONS = (
     ),
     Command(
         "clear",
-        "take delays away",
-        "Take away a delay, or all of them.",
+        "remove delays from links",
+        "Remove a delay, or all of them, configured ones included.",
         "",
         _clear_options,
         _clear,
     ),
     Command(
         "explain",
-        "what a delay will do",
-        "Compute, without any system, what a specification will do to messages at a rate.",
+        "predict the delays of a specification",
+        "Predict, without any system, the delays that a specification yields at a message rate.",
         _HOW,
         _explain_options,
         _explain,

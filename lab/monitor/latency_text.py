@@ -14,7 +14,7 @@ def links_table(replies: Iterable[LinkReply]) -> Table:
     table = Table(title="delays in ms, since each link was set", title_justify="left")
     for name in ("service", "input", "link"):
         table.add_column(name, overflow="fold")
-    for name in ("asked mean", "p99", "done mean", "p99", "messages", "held back", "lost"):
+    for name in ("requested mean", "p99", "achieved mean", "p99", "messages", "held back", "lost"):
         table.add_column(name, justify="right")
     for reply in replies:
         for row in reply.inputs:
@@ -43,7 +43,7 @@ def prediction_table(prediction: Prediction) -> Table:
     table.add_column("delay in ms")
     for name in DelaySummary._fields:
         table.add_column(name, justify="right")
-    table.add_row("asked for", *map(_ms, prediction.requested))
+    table.add_row("requested", *map(_ms, prediction.requested))
     table.add_row("predicted", *map(_ms, prediction.predicted))
     return table
 

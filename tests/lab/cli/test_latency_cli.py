@@ -57,7 +57,7 @@ def test_explain_tells_warns_and_draws(tmp_path: Path, capsys: pytest.CaptureFix
     words = ["latency", "explain", "normal(122ms, 190ms)", "loss=1%", "--rate", "20"]
     assert main([*words, "--plot", str(path)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "asked for │ 122.0 │ 190.0 │ 122.0 │ 564.0" in said
+    assert "requested │ 122.0 │ 190.0 │ 122.0 │ 564.0" in said
     assert "held back to keep order, 26 % drawn below 0, 1 % lost" in said
     assert "warning: at 20 Hz the mean will be" in said
     image = cv2.imread(str(path))
