@@ -193,7 +193,9 @@ def test_wrong_options_are_explained(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("wrong", [("--physics-steps", "11"), ("--seed", "-1"), ("--traits", "bored")])
+@pytest.mark.parametrize(
+    "wrong", [("--physics-steps", "11"), ("--seed", "-1"), ("--traits", "bored")]
+)
 def test_wrong_values_are_refused(
     wrong: tuple[str, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
