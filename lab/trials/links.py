@@ -20,11 +20,6 @@ from common.transport.config import read_config_file
 
 NO_LINK = "none"
 """The option for no delay at all, not even the task's own."""
-HELP = (
-    "delay a link: command, feedback, both or a topic, e.g. both=250ms; these replace the task's "
-    f"own link, and '{NO_LINK}' switches it off"
-)
-"""Help text of the option ``--link``."""
 _ARRIVALS = 16_000
 _GUARD = (
     f"{WBC_COMMAND.name} moves the robot: the plant's guard holds it when a joint command is "
