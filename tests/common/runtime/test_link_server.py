@@ -1,4 +1,4 @@
-"""Links are changed, told and remembered on real processes over the bus."""
+"""Links of real processes are changed over the bus, published and kept over a restart."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -28,17 +28,17 @@ class Watched(Stack):
 
     def __init__(self) -> None:
         super().__init__()
-        self.told: list[LinkChange] = []
+        self.changes: list[LinkChange] = []
         self.watched = Inbox(WATCHED)
         self._more = subscribe(self.session, self.config.robot, self.watched, WATCHED)
 
     def heard(self, service: str, link: str, reason: str) -> bool:
         def there() -> bool:
             self.watched.begin_step(time.monotonic_ns())
-            self.told += self.watched.events(LINK_CHANGE)
+            self.changes += self.watched.events(LINK_CHANGE)
             return any(
-                (told.service, told.link, told.reason) == (service, link, reason)
-                for told in self.told
+                (change.service, change.link, change.reason) == (service, link, reason)
+                for change in self.changes
             )
 
         return self.until(there)
@@ -49,7 +49,7 @@ class Watched(Stack):
 
         def collect() -> bool:
             self.watched.begin_step(time.monotonic_ns())
-            self.told += self.watched.events(LINK_CHANGE)
+            self.changes += self.watched.events(LINK_CHANGE)
             command = self.watched.latest(WBC_COMMAND)
             if command is not None and self.watched.updated(WBC_COMMAND):
                 sent = command.header.sent
@@ -84,7 +84,7 @@ def stack() -> Iterator[Watched]:
     running.stop()
 
 
-def test_link_set_live_works_is_told_and_survives_a_restart(stack: Watched) -> None:
+def test_a_live_change_works_is_published_and_survives_a_restart(stack: Watched) -> None:
     stack.start("sim", "plant")
     wbc = stack.start("wbc", "controller", "--link", "plant/state=20ms")
     assert stack.until(stack.loop_closed)
@@ -104,7 +104,7 @@ def test_link_set_live_works_is_told_and_survives_a_restart(stack: Watched) -> N
     assert row.delays.achieved_mean == pytest.approx(0.15, abs=1e-9)
     wbc.kill()
     wbc.wait()
-    stack.told.clear()
+    stack.changes.clear()
     stack.start("wbc", "controller", "--link", "plant/state=20ms")
     assert stack.heard("wbc", "150ms", "peer")
     assert min(stack.ages(60)[30:]) >= 0.150
@@ -132,7 +132,7 @@ def test_alias_is_known_and_wrong_or_outdated_changes_are_refused_by_all(stack: 
     assert [set(layer) for layer in stack.read().live.layers] == [{"both"}]
 
 
-def test_nobody_there_is_said(stack: Watched) -> None:
+def test_reading_the_links_of_no_system_is_refused(stack: Watched) -> None:
     with pytest.raises(LinkControlError, match=r"'draco3'"):
         read_links(stack.session, stack.config.robot, patience_s=0.3)
 
@@ -191,26 +191,26 @@ def test_no_request_ends_a_service_now_or_with_the_next_message(spec: str) -> No
     component.close()
 
 
-def test_links_from_the_start_are_told_until_someone_listens() -> None:
-    told: list[Message] = []
+def test_links_of_the_start_are_published_once_a_subscriber_exists() -> None:
+    sent: list[Message] = []
     listening = False
     links = Links.from_table({"plant/state": "5ms"})
     inbox = Inbox((PLANT_STATE,), service="wbc", links=links)
     component = LinkServer("wbc", links)
 
     context = RunnerContext(
-        FakeSession(), "r", "wbc", 1, inbox, lambda _, m: told.append(m), lambda _: listening
+        FakeSession(), "r", "wbc", 1, inbox, lambda _, m: sent.append(m), lambda _: listening
     )
     component.open(context)
     now = time.monotonic_ns()
     for tenth in range(20):
         component.poll(now + tenth * 100_000_000)
-    assert told == []
+    assert sent == []
     assert component.due_ns < now + 10 * 10**9
     listening = True
     for tenth in range(20, 200):
         component.poll(now + tenth * 100_000_000)
-    published = [(m.topic, m.link, m.reason) for m in told if isinstance(m, LinkChange)]
+    published = [(m.topic, m.link, m.reason) for m in sent if isinstance(m, LinkChange)]
     # Again a little later, for a logger that comes after the first listener.
     assert published == [("plant/state", "5ms", "start")] * 3
     component.close()

@@ -1,4 +1,4 @@
-"""Links set at a virtual time: exact, told in the record, and the same every time."""
+"""Links set at a virtual time are exact, recorded, and the same every time."""
 
 import pytest
 

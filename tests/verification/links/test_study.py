@@ -1,4 +1,4 @@
-"""A small version of the study of links: what consumers see is what was asked for."""
+"""A small version of the study of links: consumers see the requested delays."""
 
 import json
 from pathlib import Path
@@ -30,14 +30,14 @@ def test_off_grid_delay_is_seen_by_the_next_step() -> None:
         assert {round(1e3 * delay, 6) for delay in found.achieved} == {130.0}
 
 
-def test_jitter_is_drawn_held_back_and_sampled_as_foretold() -> None:
+def test_jitter_is_drawn_held_back_and_sampled_as_predicted() -> None:
     link = "normal(122ms, 190ms) seed=7"
-    told = predict(LinkSpec.parse(link), RATE)
+    prediction = predict(LinkSpec.parse(link), RATE)
     for found in simulated.measure(link, 100.0):
         assert 0.0 <= found.late.min() <= found.late.max() < 0.01
         injected = float(found.injected.mean())
         # 2000 messages; draws that wait for one another are about 500 independent ones.
-        assert injected == pytest.approx(told.predicted.mean, abs=0.03)
+        assert injected == pytest.approx(prediction.predicted.mean, abs=0.03)
         assert found.achieved.mean() == pytest.approx(injected + 0.005, abs=0.001)
 
 
