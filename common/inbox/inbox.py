@@ -161,17 +161,15 @@ class Inbox:
         link = self.link_of(slot.topic.name) if slot.line is not None else ""
         return health_of(slot, self._now, self._journal, link)
 
-    def set_link(self, topic_name: str, spec: LinkSpec | None) -> None:
-        """Change the link in front of an input from now on; None: no delay any more.
+    def set_link(self, topic_name: str, spec: LinkSpec) -> None:
+        """Change the link in front of an input from now on.
 
         What is under way arrives as it would have. Service's thread only.
         """
         slot = self._slots[topic_name]
-        if spec is None and slot.line is None:
-            return
         # What has arrived already belongs to the old link, though no step has looked at it yet.
         slot.release(-1)
-        slot.set_line(self._line(slot.topic, spec or LinkSpec()))
+        slot.set_line(self._line(slot.topic, spec))
         self._linked = tuple(slot for slot in self._all if slot.line is not None)
 
     def link_of(self, topic_name: str) -> str:
