@@ -1,4 +1,4 @@
-"""How fast things start: imports, ``trill --help``, and a controller that was killed.
+"""Measure how fast things start: imports, ``trill --help``, and a killed controller's successor.
 
 - import: a fresh interpreter imports the main module of a service and ends; elapsed time depends
   on what else the machine does, processor time hardly;
@@ -21,7 +21,7 @@ from collections import defaultdict
 from pathlib import Path
 
 from benchmarks.builds import Build, Cost, own_and
-from benchmarks.restarts import SETTLE_S, Restart, restarts
+from benchmarks.restarts import SETTLE_S, Recovery, restarts
 from common.schemas import GuardMode
 
 MODULES = (
@@ -63,9 +63,9 @@ def _add(costs: Costs, name: str, build: Build, cost: Cost, number: int) -> None
 
 def measure_restarts(
     builds: list[Build], sessions: int, folder: Path, settle: float
-) -> dict[str, list[Restart]]:
+) -> dict[str, list[Recovery]]:
     """Kill each build's controller :data:`KILLS` times a session, the builds in turn."""
-    results: dict[str, list[Restart]] = {build.name: [] for build in builds}
+    results: dict[str, list[Recovery]] = {build.name: [] for build in builds}
     for number in range(sessions):
         for build in builds:
             results[build.name] += restarts(build, KILLS, folder, settle)
@@ -91,7 +91,7 @@ def _print_table(title: str, times: dict[str, dict[str, list[float]]], builds: l
         print(f"{name:34}" + "".join(f"{median:10.3f}" for median in medians) + ratio)
 
 
-def print_restarts(results: dict[str, list[Restart]]) -> None:
+def print_restarts(results: dict[str, list[Recovery]]) -> None:
     """Print median and worst, and how often the plant's guard let the robot go limp."""
     medians = []
     for name, found in results.items():

@@ -1,4 +1,4 @@
-"""Kills the controller of a running system and waits for its successor's first joint command."""
+"""Kill the controller of a running system and time its successor's first joint command."""
 
 import os
 import re
@@ -27,11 +27,11 @@ SETTLE_S = 8.0
 """The controller runs undisturbed for this long before it is killed, as a rule [s]."""
 
 
-class Restart(NamedTuple):
-    """What followed one kill.
+class Recovery(NamedTuple):
+    """Records what followed one kill.
 
     Attributes:
-        seconds: from the kill to the first command of the next controller.
+        seconds: from the kill to the first command of the next controller [s].
         guards: modes in which the plant's guard was seen meanwhile.
     """
 
@@ -92,7 +92,7 @@ class Observer:
             return frozenset(mode for at, mode in self._guards if begin_ns <= at <= end_ns)
 
 
-def restarts(build: Build, kills: int, folder: Path, settle: float = SETTLE_S) -> list[Restart]:
+def restarts(build: Build, kills: int, folder: Path, settle: float = SETTLE_S) -> list[Recovery]:
     """Start a system of ``build`` and kill its controller ``kills`` times.
 
     Args:
@@ -116,7 +116,7 @@ def restarts(build: Build, kills: int, folder: Path, settle: float = SETTLE_S) -
                 back_ns = observer.wait_for_controllers(count + 1)
                 time.sleep(0.5)  # the plant reports its guard ten times a second
                 guards = observer.guards_between(killed_ns, back_ns + 500_000_000)
-                results.append(Restart(1e-9 * (back_ns - killed_ns), guards))
+                results.append(Recovery(1e-9 * (back_ns - killed_ns), guards))
         finally:
             observer.close()
     return results

@@ -35,7 +35,7 @@ class Solver(Protocol):
     name: str
 
     def solve(self, data: QpData) -> Solution:
-        """Solve one QP; never raises for a QP without a solution, says so in the result."""
+        """Solve one QP; a QP without a solution is reported in the result, not raised."""
         ...
 
 
