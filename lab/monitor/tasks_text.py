@@ -3,11 +3,11 @@
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from common.links.spec import PRESETS
 from lab.errors import LabError
+from lab.progress import ProgressBar
 from services.sim.model.world import build_model
 from services.sim.scenes import SCENES
 from services.sim.tasks import Task, all_tasks
@@ -122,11 +122,10 @@ def draw(console: Console, directory: Path) -> None:
     from services.sim.rendering.task_sheet import write_sheets
 
     scenes = {task.scene for task in all_tasks().values()}
-    with Progress(console=console, transient=True) as progress:
-        bar = progress.add_task("drawing the scenes", total=len(scenes))
+    with ProgressBar("drawing the scenes", total=len(scenes), console=console) as bar:
         try:
             for path in write_sheets(directory):
-                progress.advance(bar)
-                progress.console.print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
+                bar.advance()
+                bar.say(f"{path}  {path.stat().st_size / 1000:.0f} kB")
         except OSError as error:
             raise LabError(f"cannot write in {directory}: {error.strerror}") from error

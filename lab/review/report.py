@@ -1,11 +1,7 @@
 """After a run: summary, pictures and a short report, all from the log."""
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from common.errors import TrillError
 from common.files import write_whole
@@ -13,6 +9,7 @@ from common.transport.keys import topic_of
 from deploy.launch import Ended, Verdict
 from deploy.system import LOG_FILE, versions
 from lab.errors import LabError
+from lab.progress import ProgressBar
 from lab.review.film import Film, gather
 from lab.review.run_summary import RunSummary, ServiceTiming
 from lab.review.scoring import commanded_motions
@@ -99,35 +96,17 @@ def draw_pictures(run_dir: Path, *, video: bool) -> list[str]:
         return [f"no pictures: {error}; install the extras with  pip install -e '.[deploy,sim]'"]
     film: Film = gather(LogReader(run_dir / LOG_FILE).messages())
     commanded = commanded_motions(GaitConfig())
-    with _bar() as bar:
-        sheet = bar.add_task("contact sheet", total=None)
-        try:
-            write_contact_sheet(
-                run_dir / SHEET_FILE,
-                film,
-                commanded,
-                lambda done, total: bar.update(sheet, completed=done, total=total),
-            )
-            if video:
-                task = bar.add_task("video (Ctrl-C to go without)", total=None)
-                write_video(
-                    run_dir / VIDEO_FILE,
-                    film,
-                    lambda done, total: bar.update(task, completed=done, total=total),
-                )
-        except TrillError as error:
-            return [f"no pictures: {error}"]
-        except KeyboardInterrupt:
-            return ["pictures were stopped half-way"]
+    try:
+        with ProgressBar("contact sheet") as bar:
+            write_contact_sheet(run_dir / SHEET_FILE, film, commanded, bar.show)
+        if video:
+            with ProgressBar("video (Ctrl-C skips it)") as bar:
+                write_video(run_dir / VIDEO_FILE, film, bar.show)
+    except TrillError as error:
+        return [f"no pictures: {error}"]
+    except KeyboardInterrupt:
+        return ["pictures were stopped half-way"]
     return []
-
-
-@contextmanager
-def _bar() -> Iterator[Progress]:
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    ) as bar:
-        yield bar
 
 
 def report_lines(summary: RunSummary) -> list[str]:

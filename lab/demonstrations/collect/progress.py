@@ -8,7 +8,7 @@ from rich.console import Console
 from lab.demonstrations.collect.collect import Standing
 from lab.demonstrations.collect.space import size
 from lab.demonstrations.collect.store import IndexLine
-from lab.trials.progress import Bar, duration
+from lab.progress import ProgressBar, format_duration
 
 
 class Pace:
@@ -27,7 +27,7 @@ class Pace:
         parts = []
         if made:
             left = max(0, standing.wanted - standing.successes) * elapsed / made
-            parts.append(f"ETA {duration(left)}")
+            parts.append(f"ETA {format_duration(left)}")
         failed = len(standing.lines) - standing.successes
         if failed:
             parts.append(f"{failed} failed")
@@ -57,11 +57,11 @@ def fitting(parts: list[str], width: int) -> str:
     return text
 
 
-class Display(Bar):
+class Display(ProgressBar):
     """Shows the standing while it changes."""
 
     def __init__(self, console: Console) -> None:
-        super().__init__(console, "episodes")
+        super().__init__("episodes", console=console)
         self._pace = Pace()
 
     def tell(self, standing: Standing, line: IndexLine | None) -> None:
@@ -88,7 +88,8 @@ def closing(standing: Standing, elapsed: float) -> str:
     ]
     if new:
         lines.append(
-            f"{new} trials in {duration(elapsed)}: {standing.simulated:.0f} s of robot time, "
+            f"{new} trials in {format_duration(elapsed)}: "
+            f"{standing.simulated:.0f} s of robot time, "
             f"{standing.simulated / elapsed:.2f} x real time together, "
             f"{standing.simulated / standing.busy:.2f} x a worker "
             f"({100 * standing.rendering / standing.busy:.0f} % of its time for pictures)"

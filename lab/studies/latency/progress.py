@@ -2,21 +2,21 @@
 
 from rich.console import Console
 
+from lab.progress import ProgressBar, format_duration
 from lab.studies.latency.row import TrialRow
 from lab.studies.latency.run import Standing
-from lab.trials.progress import Bar, duration
 
 
-class Display(Bar):
+class Display(ProgressBar):
     """Shows the standing while it changes."""
 
     def __init__(self, console: Console) -> None:
-        super().__init__(console, "trials")
+        super().__init__("trials", console=console)
 
     def tell(self, standing: Standing, row: TrialRow | None) -> None:
         """Show how it stands; ``row`` is a trial that has just ended."""
         left = standing.left
-        eta = "" if left is None else f"ETA {duration(left)}"
+        eta = "" if left is None else f"ETA {format_duration(left)}"
         done = len(standing.done)
         self.show(done, standing.wanted, eta)
         if row is None:
