@@ -8,7 +8,7 @@ from deploy.launch import Ended, Running, Verdict, running_system
 from deploy.process import Exit
 from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
 from lab.live.task_judge import TaskJudge
-from lab.monitor.board import Snapshot
+from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import TICK, Screen, Watch
 from services.teleop.scripted.library import ScriptOptions, script_named
 

@@ -10,7 +10,7 @@ from common.schemas import PlantAction, PlantRequest, TaskStatus, TaskVerdict
 from common.topics import PLANT_REQUEST
 from common.transport.publisher import Publisher
 from common.transport.session import new_boot_id
-from lab.monitor.board import Snapshot
+from lab.monitor.bus_stats import Snapshot
 
 SOURCE: Final = "up"
 """Of the resets; see :func:`preceded_first_operator`."""

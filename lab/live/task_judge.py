@@ -6,7 +6,7 @@ from typing import Final
 from common.schemas import TaskStatus, TaskVerdict
 from deploy.launch import Outcome, Verdict
 from deploy.process import Exit
-from lab.monitor.board import Snapshot
+from lab.monitor.bus_stats import Snapshot
 
 AFTERMATH: Final = 1.5
 """How long a verdict is watched before everything stops [s]."""

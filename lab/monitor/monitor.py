@@ -19,7 +19,7 @@ from common.transport.keys import subscription_of
 from common.transport.session import open_session
 from common.transport.tap import RawTap
 from deploy.process import terminated_as_interrupted
-from lab.monitor.board import BusStats, Snapshot
+from lab.monitor.bus_stats import BusStats, Snapshot
 from lab.monitor.table import Show, draw, line
 
 SERVICE = "top"

@@ -1,4 +1,4 @@
-"""Draws a :class:`lab.monitor.board.Snapshot`: as a rich table that fits, or as a plain line.
+"""Draws a :class:`lab.monitor.bus_stats.Snapshot`: as a rich table that fits, or as a plain line.
 
 Where not everything fits, topics and ledger share what the rest leaves: topics in trouble come
 first and the system's own last, in the ledger the operator's set-points and pictures come first,
@@ -27,7 +27,7 @@ from common.topics import (
     TELEOP_SETPOINT,
     WBC_COMMAND,
 )
-from lab.monitor.board import InputRow, PeerRow, ServiceRow, Snapshot, TopicRow
+from lab.monitor.bus_stats import InputRow, PeerRow, ServiceRow, Snapshot, TopicRow
 from lab.monitor.ledger_text import add_stages, plain_table, short_ms, stage_cells, styled
 from lab.monitor.task_text import task_line, task_words
 

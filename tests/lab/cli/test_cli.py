@@ -23,7 +23,7 @@ from services.logger.read.tally import KeyCount, to_metadata
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from tests.disk import fill
-from tests.lab.monitor.test_board import sample
+from tests.lab.monitor.test_bus_stats import sample
 from tests.lab.review.synthetic import Life
 
 ROOT = Path(__file__).parents[3]

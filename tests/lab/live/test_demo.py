@@ -16,7 +16,7 @@ from deploy.launch import Verdict, running_system
 from deploy.process import Exit, ProcessSpec, tail
 from deploy.system import SystemOptions, new_run_dir, robot_processes
 from lab.live.demo import FALL_AFTERMATH, Judge
-from lab.monitor.board import Snapshot
+from lab.monitor.bus_stats import Snapshot
 from tests.lab.review.synthetic import Life
 
 NOTHING: list[tuple[Exit, bool]] = []

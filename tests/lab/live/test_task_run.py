@@ -12,14 +12,14 @@ from deploy.system import SystemOptions, synthetic_operator
 from lab.live.demo import DemoOptions, Judge, _judge
 from lab.live.new_trials import NewTrials
 from lab.live.task_judge import AFTERMATH, PATIENCE, TaskJudge
-from lab.monitor.board import BusStats, ServiceRow, Snapshot
+from lab.monitor.bus_stats import BusStats, ServiceRow, Snapshot
 from lab.monitor.table import draw, line
-from lab.review.film import gather
 from lab.review.report import report_lines
 from lab.review.run_summary import RunSummary
 from lab.review.summary import summarise
-from lab.review.task_film import standing_at, task_moments, trial_seconds
-from tests.lab.monitor.test_board import sample
+from lab.review.task_moments import task_caption, task_moments, trial_seconds
+from lab.review.timeline import read_timeline
+from tests.lab.monitor.test_bus_stats import sample
 from tests.lab.review.synthetic import Life, Pair
 from tests.lab.review.task_life import health, operator, reset_by, stand, status, unlocked
 
@@ -27,48 +27,50 @@ SUCCESS, PARTIAL, FAILURE = TaskVerdict.SUCCESS, TaskVerdict.PARTIAL, TaskVerdic
 
 
 def test_the_moments_are_start_stages_verdict_and_what_is_longest_between() -> None:
-    film = gather(unlocked(Life()))
-    found = {m.label: trial_seconds(film, m.index) for m in task_moments(film, 4)}
+    timeline = read_timeline(unlocked(Life()))
+    found = {m.label: trial_seconds(timeline, m.index) for m in task_moments(timeline, 4)}
     assert found == pytest.approx(
         {"start": 0.1, "lever pressed": 3.0, "door ajar": 5.0, "door unlocked; SUCCESS": 6.0}
     )
-    more = task_moments(film, 6)
+    more = task_moments(timeline, 6)
     assert [m.label for m in more] == [
         *("start", "to the lever", "lever pressed", "to the lever", "door ajar"),
         "door unlocked; SUCCESS",
     ]
-    assert [trial_seconds(film, m.index) for m in more][1] == pytest.approx(1.5, abs=0.1)
-    assert len(task_moments(film, 1000)) <= len(film.truth)
-    assert trial_seconds(film, 0) == 0.0
+    assert [trial_seconds(timeline, m.index) for m in more][1] == pytest.approx(1.5, abs=0.1)
+    assert len(task_moments(timeline, 1000)) <= len(timeline.truth)
+    assert trial_seconds(timeline, 0) == 0.0
 
 
 def test_undesired_contacts_falls_and_a_trial_without_a_verdict_are_shown() -> None:
     life = Life()
-    film = gather([*unlocked(life, PARTIAL)])
-    labels = [m.label for m in task_moments(film, 0)]
+    timeline = read_timeline([*unlocked(life, PARTIAL)])
+    labels = [m.label for m in task_moments(timeline, 0)]
     assert labels[2] == "door ajar; undesired: left wrist on jamb"
     assert labels[-1] == "door unlocked; PARTIAL"
-    film.fell = len(film.truth) - 1
-    assert task_moments(film, 0)[-1].label == "FELL"
+    timeline.fall = len(timeline.truth) - 1
+    assert task_moments(timeline, 0)[-1].label == "FELL"
 
     life = Life()
-    open_end = gather([*stand(life, 6), status(life), *stand(life, 10), operator(life, "pulling")])
+    open_end = read_timeline(
+        [*stand(life, 6), status(life), *stand(life, 10), operator(life, "pulling")]
+    )
     last = task_moments(open_end, 0)[-1]
     assert last.index == len(open_end.truth) - 1
-    assert gather([]).task is None
-    assert task_moments(gather([])) == []
-    assert len(task_moments(gather([*stand(life, 1), status(life, time=1.0)]), 8)) == 1
+    assert read_timeline([]).task is None
+    assert task_moments(read_timeline([])) == []
+    assert len(task_moments(read_timeline([*stand(life, 1), status(life, time=1.0)]), 8)) == 1
 
 
 def test_the_scene_is_as_it_was_and_before_it_was_heard_as_it_was_first() -> None:
     life = Life()
-    film = gather([life.plant(*_truth()), *stand(life, 3, 0.1), *stand(life, 3, 0.4)])
-    hinges = [things.qpos[0] for things in film.things(range(7)) if things is not None]
+    timeline = read_timeline([life.plant(*_truth()), *stand(life, 3, 0.1), *stand(life, 3, 0.4)])
+    hinges = [state.qpos[0] for state in timeline.scene_states_at(range(7)) if state]
     assert hinges == [0.1, 0.1, 0.1, 0.1, 0.4, 0.4, 0.4]
-    assert film.scene == "door"
-    flat = gather([life.plant(*_truth())])
+    assert timeline.scene == "door"
+    flat = read_timeline([life.plant(*_truth())])
     assert flat.scene == "flat"
-    assert flat.things([0]) == [None]
+    assert flat.scene_states_at([0]) == [None]
 
 
 def _truth() -> tuple[Any, float, float, float]:
@@ -78,9 +80,9 @@ def _truth() -> tuple[Any, float, float, float]:
 
 
 def test_each_ground_truth_has_its_words() -> None:
-    film = gather(unlocked(Life()))
-    assert standing_at(film, 0) == ""
-    assert standing_at(film, 40) == (
+    timeline = read_timeline(unlocked(Life()))
+    assert task_caption(timeline, 0) == ""
+    assert task_caption(timeline, 40) == (
         "door/unlock  running  1/3 stages  lever pressed  (to the lever)"
     )
 
@@ -290,7 +292,7 @@ def test_what_passed_before_the_operator_came_is_nobodys_trial() -> None:
     ):
         pairs = [*idle, reset_by(life, source, seed), *after, done]
         assert [trial.verdict for trial in summarise(pairs).trials] == verdicts
-        labels = " ".join(moment.label for moment in task_moments(gather(pairs), 0))
+        labels = " ".join(moment.label for moment in task_moments(read_timeline(pairs), 0))
         assert ("FAILURE" in labels) == ("failure" in verdicts)
         assert "SUCCESS" in labels
 
@@ -303,5 +305,5 @@ def test_a_plant_started_anew_has_trials_of_its_own() -> None:
     anew = (topic, again.model_copy(update={"header": header}))
     pairs = [*idle, reset_by(life, "up", 7), *stand(life, 5), anew]
     assert [trial.verdict for trial in summarise(pairs).trials] == ["success"]
-    labels = [moment.label for moment in task_moments(gather(pairs), 0)]
+    labels = [moment.label for moment in task_moments(read_timeline(pairs), 0)]
     assert labels == ["start; lever pressed; door ajar; door unlocked; SUCCESS"]

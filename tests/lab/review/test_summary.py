@@ -6,11 +6,11 @@ import pytest
 
 from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
-from lab.review.film import gather
-from lab.review.run_summary import RunSummary
+from lab.review.run_summary import Quantiles, RunSummary
 from lab.review.scoring import Pose2, commanded_motions
 from lab.review.summary import summarise
-from lab.review.summary_readers import LogFindings, spread
+from lab.review.summary_readers import LogFindings
+from lab.review.timeline import read_timeline
 from services.wbc.config import GaitConfig
 from tests.lab.review.synthetic import MS, Life, Pair
 
@@ -41,15 +41,15 @@ def test_a_turn_on_the_spot_is_no_distance() -> None:
 def test_walk_composes_the_commands_of_completed_gaits() -> None:
     life = Life()
     quarter = pi / 2
-    commanded = {Gait.FORWARD: Pose2(x=0.2), Gait.TURN_LEFT: Pose2(yaw=quarter)}
     messages = [
+        life.settings(GaitConfig(forward_step=0.2, turn_angle=quarter)),
         *life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)),
         *life.gait(1, Gait.TURN_LEFT, (0.2, 0, 0), (0.2, 0, quarter)),
         *life.gait(2, Gait.FORWARD, (0.2, 0, quarter), (0.2, 0.17, quarter)),
         life.ask(3, Gait.FORWARD),
         life.answer(3, Gait.FORWARD, GaitOutcome.REFUSED, "not balancing"),
     ]
-    walk = summarise(messages, commanded=commanded).walk
+    walk = summarise(messages).walk
     assert (walk.commanded_forward, walk.commanded_left) == pytest.approx((0.2, 0.2))
     assert (walk.forward, walk.left) == pytest.approx((0.2, 0.17))
     assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((90.0, 90.0))
@@ -66,7 +66,7 @@ def test_turns_add_up_beyond_half_a_turn() -> None:
             number, Gait.TURN_LEFT, (0, 0, number * turn), (0, 0, (number + 1) * turn)
         )
     ]
-    walk = summarise(messages, commanded={Gait.TURN_LEFT: Pose2(yaw=turn)}).walk
+    walk = summarise([*messages, life.settings(GaitConfig(turn_angle=turn))]).walk
     assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((270.0, 270.0))
     assert walk.end_error == pytest.approx(0.0, abs=1e-12)
 
@@ -217,9 +217,9 @@ def test_an_empty_log_is_a_summary_too() -> None:
     assert again == summary
 
 
-def test_spread() -> None:
-    assert spread([]).samples == 0
-    measured = spread(float(value) for value in range(101))
+def test_quantiles() -> None:
+    assert Quantiles.of([]).samples == 0
+    measured = Quantiles.of(float(value) for value in range(101))
     assert (measured.samples, measured.median) == (101, 50.0)
     assert (measured.p99, measured.maximum) == (99.0, 100.0)
 
@@ -228,6 +228,35 @@ def test_commanded_motions_follow_the_configuration() -> None:
     motions = commanded_motions(GaitConfig(side_step=0.07))
     assert motions[Gait.SIDE_RIGHT] == Pose2(y=-0.07)
     assert motions[Gait.BACKWARD].x == -GaitConfig().backward_step
+
+
+def test_a_run_is_scored_by_the_settings_that_its_controller_recorded() -> None:
+    life = Life()
+    settings = life.settings(GaitConfig(forward_step=0.15))
+    gait = list(life.gait(0, Gait.FORWARD, (0, 0, 0), (0.14, 0, 0)))
+    summary = summarise([settings, *gait])
+    assert summary.gait_runs[0].commanded_forward == 0.15
+    assert summary.walk.end_error == pytest.approx(0.01)
+    assert read_timeline([settings, *gait]).commanded[Gait.FORWARD] == Pose2(x=0.15)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"service": "sim"},
+        {"settings": ""},
+        {"settings": "not JSON"},
+        {"settings": '{"gaits": {}}'},
+        {"settings": '{"gait": {"forward_stride": 0.3}}'},
+    ],
+    ids=str,
+)
+def test_without_usable_settings_a_run_is_scored_by_the_default(change: dict[str, str]) -> None:
+    life = Life()
+    topic, journal = life.settings(GaitConfig(forward_step=0.15))
+    gait = life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0))
+    summary = summarise([(topic, journal.model_copy(update=change)), *gait])
+    assert summary.gait_runs[0].commanded_forward == GaitConfig().forward_step == 0.2
 
 
 def resent(life: Life) -> list[Pair]:
@@ -247,7 +276,7 @@ def test_a_request_that_is_sent_again_is_one_whole_gait() -> None:
     (run,) = summarise(resent(Life())).gait_runs
     assert run.forward == pytest.approx(0.2, abs=1e-9)
     assert run.duration == pytest.approx(3.0)
-    (stride,) = gather(resent(Life())).strides
+    (stride,) = read_timeline(resent(Life())).gaits
     assert (stride.start, stride.end) == (0, 2)
 
 

@@ -11,7 +11,7 @@ from common.topics import HEALTH, HEARTBEAT, PLANT_STATE, PLANT_STATUS, TELEOP_S
 from common.transport.keys import key_of
 from common.transport.tap import RawSample
 from common.wire.codec import encode, schema_tag
-from lab.monitor.board import DEAD_AFTER, WINDOW, BusStats, Snapshot
+from lab.monitor.bus_stats import DEAD_AFTER, WINDOW, BusStats, Snapshot
 from lab.monitor.table import Show, draw, line, share
 from tests.common.transport.support import health as example_health
 from tests.lab.review.synthetic import Life, Pair

@@ -4,7 +4,15 @@ import numpy as np
 
 from common.schemas import CameraFrame, Gait, OperatorStatus
 from common.topics import CAMERA_LEFT, PLANT_TRUTH, TELEOP_STATUS
-from lab.review.film import MOST_PICTURES, RATE, Film, frame_step, gather, moments, picture_at
+from lab.review.timeline import (
+    MAX_IMAGES,
+    RATE,
+    Timeline,
+    frame_step,
+    image_at,
+    key_moments,
+    read_timeline,
+)
 from tests.lab.review.synthetic import MS, Life, Pair
 
 
@@ -44,13 +52,13 @@ def test_truth_is_thinned_and_a_reset_kept() -> None:
     for _ in range(500):
         life.now += 20
         pairs.append(life.plant(PLANT_TRUTH, 0, 0, 0))
-    film = gather(pairs)
-    assert len(film.truth) == 125
+    timeline = read_timeline(pairs)
+    assert len(timeline.truth) == 125
     assert RATE == 12.5
-    steps = np.diff([state.header.stamp for state in film.truth])
+    steps = np.diff([state.header.stamp for state in timeline.truth])
     assert set(steps) == {80 * MS}
     life.now = 1000
-    assert len(gather([*pairs, life.plant(PLANT_TRUTH, 0, 0, 0)]).truth) == 126
+    assert len(read_timeline([*pairs, life.plant(PLANT_TRUTH, 0, 0, 0)]).truth) == 126
 
 
 def test_each_gait_type_once_mid_swing_and_each_other_section_at_its_end() -> None:
@@ -69,14 +77,14 @@ def test_each_gait_type_once_mid_swing_and_each_other_section_at_its_end() -> No
         mark(life, "walk"),
     ]
     pairs += [(topic, m) for topic, m in _later(walk, life) if topic is not TELEOP_STATUS]
-    film = gather(pairs)
-    chosen = moments(film)
+    timeline = read_timeline(pairs)
+    chosen = key_moments(timeline)
     assert [moment.label for moment in chosen] == ["reach", "grip", "forward", "turn left"]
-    assert film.label_at(chosen[0].index) == "reach"
-    assert film.truth[chosen[1].index].gripper_closure[0] == 1.0
-    stride = film.strides[0]
+    assert timeline.label_at(chosen[0].index) == "reach"
+    assert timeline.truth[chosen[1].index].gripper_closure[0] == 1.0
+    stride = timeline.gaits[0]
     assert stride.start < chosen[2].index < stride.end
-    assert [s.gait for s in film.strides] == [Gait.FORWARD, Gait.FORWARD, Gait.TURN_LEFT]
+    assert [s.gait for s in timeline.gaits] == [Gait.FORWARD, Gait.FORWARD, Gait.TURN_LEFT]
 
 
 def _later(pairs: list[Pair], life: Life) -> list[Pair]:
@@ -94,34 +102,34 @@ def _later(pairs: list[Pair], life: Life) -> list[Pair]:
 
 
 def test_without_labels_the_run_is_shown_evenly() -> None:
-    chosen = moments(gather(stand(Life(), 61)), spare=6)
+    chosen = key_moments(read_timeline(stand(Life(), 61)), spare=6)
     assert [moment.index for moment in chosen] == [0, 10, 20, 30, 40, 50, 60]
 
 
 def test_a_fall_is_shown_and_an_empty_run_is_not() -> None:
     life = Life()
     pairs = [*stand(life, 10), life.status(fallen=True), *stand(life, 5)]
-    film = gather(pairs)
-    assert film.fell == 9
-    assert "FELL" in [moment.label for moment in moments(film)]
-    assert moments(Film()) == []
+    timeline = read_timeline(pairs)
+    assert timeline.fall == 9
+    assert "FELL" in [moment.label for moment in key_moments(timeline)]
+    assert key_moments(Timeline()) == []
 
 
 def test_pictures_are_bounded_and_found_by_time() -> None:
     life = Life()
     pairs: list[Pair] = []
-    for number in range(MOST_PICTURES + 500):
+    for number in range(MAX_IMAGES + 500):
         pairs += [*stand(life, 1), picture(life, number)]
-    film = gather(pairs)
-    assert MOST_PICTURES / 2 <= len(film.left) <= MOST_PICTURES
-    found = picture_at(film.left, 1000)
+    timeline = read_timeline(pairs)
+    assert MAX_IMAGES / 2 <= len(timeline.left_images) <= MAX_IMAGES
+    found = image_at(timeline.left_images, 1000)
     assert found is not None
     assert abs(found.data[0] - 1000 % 256) <= 1
-    assert picture_at(film.left, -1) is None
+    assert image_at(timeline.left_images, -1) is None
 
 
 def test_a_long_run_is_shown_faster() -> None:
-    film = gather(stand(Life(), 100))
-    assert frame_step(film, most=1000) == 1
-    assert frame_step(film, most=100) == 1
-    assert frame_step(film, most=99) == 2
+    timeline = read_timeline(stand(Life(), 100))
+    assert frame_step(timeline, most=1000) == 1
+    assert frame_step(timeline, most=100) == 1
+    assert frame_step(timeline, most=99) == 2
