@@ -1,7 +1,7 @@
-"""What the live table shows, gathered from everything on the bus. Pure.
+"""Count the traffic of the bus and take snapshots of it for the live table. Pure.
 
-Every message is only counted as it arrives; the few that the table quotes are decoded when the
-table is drawn, so that watching costs little beside the system being watched.
+Every message is only counted when it arrives. The few that the table quotes are decoded when a
+snapshot is taken, so that watching costs little beside the system being watched.
 """
 
 from collections import deque
@@ -39,18 +39,24 @@ from common.wire.header import wire_header
 from common.wire.sequence import SequenceTracker
 
 WINDOW = 2.0
-"""Rates are over this long [s]."""
-DEAD_AFTER = 3.0
-"""A service without a heartbeat whose health was not heard for this long is called silent [s]."""
-PATIENCE = 3.0
-"""Promises of silence after which one with a heartbeat is; the table is no real-time watcher."""
+"""Rates are averaged over this time [s]."""
+HEALTH_TIMEOUT = 3.0
+"""A service without a heartbeat is dead when its health was not heard for this long [s]."""
+HEARTBEAT_TIMEOUTS = 3.0
+"""Number of its own timeouts after which a service with a heartbeat is shown as dead.
+
+The monitor has no real-time scheduling, so it is more patient than the service's peers.
+"""
 
 M = TypeVar("M", bound=Message)
 
 
 @dataclass(frozen=True)
 class TopicRow:
-    """One topic as the monitor sees it; the last two are the sums of what its readers report."""
+    """One topic; ``too_old`` and ``refused`` are the sums of what its readers report.
+
+    ``rate`` and ``nominal`` are in Hz, ``age`` of the last message is in seconds.
+    """
 
     name: str
     rate: float
@@ -65,44 +71,49 @@ class TopicRow:
     refused: int
 
     @property
-    def troubled(self) -> bool:
-        """Whether there is something to see."""
+    def has_problems(self) -> bool:
+        """Whether it is stale or anything was lost, late, repeated or refused."""
         counts = (self.gaps, self.late, self.repeated, self.too_old, self.refused)
         return self.stale or any(counts)
 
 
 @dataclass(frozen=True)
 class ServiceRow:
-    """One service, from its last health message and its heartbeat."""
+    """One service, from its last health message and its heartbeat.
+
+    Attributes:
+        health: the last health message.
+        health_age: time since it was received [s].
+        heartbeat_age: time since the last heartbeat [s]; None for a service without one.
+        timeout: silence of its heartbeat after which its peers take it for dead [s].
+    """
 
     health: ServiceHealth
-    age: float
-    """Since its health was heard [s]."""
-    beat: float | None = None
-    """Since its heartbeat was heard [s]; None: it has none."""
-    promise: float = 0.0
-    """Silence of it that means death [s]."""
+    health_age: float
+    heartbeat_age: float | None = None
+    timeout: float = 0.0
 
     @property
-    def silent(self) -> float:
-        """Since its last sign of life [s]."""
-        return self.age if self.beat is None else self.beat
+    def silence(self) -> float:
+        """Time since its last heartbeat, or else its last health message [s]."""
+        return self.health_age if self.heartbeat_age is None else self.heartbeat_age
 
     @property
     def alive(self) -> bool:
-        """Whether it gave a sign of life lately."""
-        patience = DEAD_AFTER if self.beat is None else PATIENCE * self.promise
-        return self.silent <= patience
+        """Whether its silence has not lasted too long."""
+        if self.heartbeat_age is None:
+            return self.silence <= HEALTH_TIMEOUT
+        return self.silence <= HEARTBEAT_TIMEOUTS * self.timeout
 
     @property
     def put_errors(self) -> int:
-        """Messages the transport refused to take from it."""
+        """Messages of it that the transport refused to send."""
         return sum(output.errors for output in self.health.outputs)
 
 
 @dataclass(frozen=True)
 class InputRow:
-    """One input of a service that lives."""
+    """One input of a service that is alive."""
 
     consumer: str
     health: LinkHealth
@@ -110,21 +121,25 @@ class InputRow:
 
 @dataclass(frozen=True)
 class PeerRow:
-    """One service as another one sees it."""
+    """One service as the service ``seen_by`` sees it."""
 
     seen_by: str
     peer: PeerHealth
 
     @property
-    def notable(self) -> bool:
-        """Whether it is gone, or goes by another clock or one that is not known."""
-        gone = not self.peer.alive and self.peer.silent >= 0.0
-        return gone or self.peer.clock_error != 0.0
+    def dead(self) -> bool:
+        """Whether it is missed by ``seen_by``, which had heard it before."""
+        return not self.peer.alive and self.peer.silent >= 0.0
+
+    @property
+    def is_notable(self) -> bool:
+        """Whether it is dead, or has another clock or an unknown one."""
+        return self.dead or self.peer.clock_error != 0.0
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """Everything the table shows at one moment."""
+    """Everything the live table shows at one moment."""
 
     topics: tuple[TopicRow, ...]
     services: tuple[ServiceRow, ...]
@@ -136,89 +151,100 @@ class Snapshot:
     @property
     def inputs(self) -> tuple[InputRow, ...]:
         """Inputs of all services that are alive."""
-        alive = (service for service in self.services if service.alive)
         return tuple(
             InputRow(service.health.service, link)
-            for service in alive
+            for service in self.services
+            if service.alive
             for link in service.health.links
         )
 
     @property
     def ledger(self) -> tuple[InputRow, ...]:
-        """Those that took in something during the last seconds."""
+        """Inputs that received something during the last seconds."""
         return tuple(row for row in self.inputs if row.health.stages)
 
     @property
     def links(self) -> tuple[InputRow, ...]:
-        """Those in front of which a delay is injected."""
+        """Inputs with an injected delay."""
         return tuple(row for row in self.inputs if row.health.link)
 
     @property
     def peers(self) -> tuple[PeerRow, ...]:
-        """What is notable about others' life and clocks."""
+        """Services that another one misses, or whose clock differs from its own."""
         rows = (
             PeerRow(service.health.service, peer)
             for service in self.services
             if service.alive
             for peer in service.health.peers
         )
-        return tuple(row for row in rows if row.notable)
+        return tuple(row for row in rows if row.is_notable)
 
 
 @dataclass
-class _Account:
-    """What one key did."""
+class _KeyStats:
+    """Messages of one key."""
 
     messages: int = 0
     sequence: SequenceTracker = field(default_factory=SequenceTracker)
     arrivals: deque[int] = field(default_factory=deque)
     last: RawSample | None = None
 
+    def add(self, sample: RawSample) -> None:
+        self.messages += 1
+        self.last = sample
+        self.arrivals.append(sample.arrival_ns)
+        while self.arrivals[0] < sample.arrival_ns - WINDOW * 1e9:
+            self.arrivals.popleft()
+        header = wire_header(sample.payload)
+        if header is not None:
+            self.sequence.observe(header)
+
     def age(self, now_ns: int) -> float:
-        """Seconds since the last arrival."""
+        """Return the time since the last arrival [s]."""
         return inf if self.last is None else (now_ns - self.last.arrival_ns) * 1e-9
 
     def recent(self, now_ns: int) -> int:
-        """Arrivals within the window."""
+        """Count the arrivals within :data:`WINDOW`."""
         return sum(arrival > now_ns - WINDOW * 1e9 for arrival in self.arrivals)
+
+    def decoded(self, topic: Topic[M]) -> M | None:
+        """Decode the last message; None if there is none, or none that can be decoded."""
+        if self.last is None:
+            return None
+        try:
+            return decode(self.last.payload, topic.schema, self.last.tag or None)
+        except SchemaError:
+            return None  # The readers of the topic refuse it too, and count it.
 
 
 class BusStats:
-    """Counts what a tap drained, by key."""
+    """Counts the samples of a bus tap by key."""
 
     def __init__(self, robot: str) -> None:
         """Start empty; ``robot`` is the first part of every key."""
         self._robot = robot
-        self._accounts: dict[str, dict[str, _Account]] = {}
+        self._topics: dict[str, dict[str, _KeyStats]] = {}
 
-    def note(self, samples: Iterable[RawSample]) -> None:
-        """Count samples, oldest first; keys outside the topic table are none of the table's."""
+    def add(self, samples: Iterable[RawSample]) -> None:
+        """Count samples, oldest first; keys outside the table of topics are ignored."""
         for sample in samples:
             topic = topic_of(self._robot, sample.key)
-            if topic is None:
-                continue
-            account = self._accounts.setdefault(topic.name, {}).setdefault(sample.key, _Account())
-            account.messages += 1
-            account.last = sample
-            account.arrivals.append(sample.arrival_ns)
-            while account.arrivals[0] < sample.arrival_ns - WINDOW * 1e9:
-                account.arrivals.popleft()
-            header = wire_header(sample.payload)
-            if header is not None:
-                account.sequence.observe(header)
+            if topic is not None:
+                keys = self._topics.setdefault(topic.name, {})
+                keys.setdefault(sample.key, _KeyStats()).add(sample)
 
-    def view(self, now_ns: int) -> Snapshot:
-        """What there is to show at monotonic time ``now_ns``."""
+    def snapshot(self, now_ns: int) -> Snapshot:
+        """Return what the table shows at the monotonic time ``now_ns``."""
         services = tuple(
-            self._service(health, account.age(now_ns), now_ns)
-            for _, account in sorted(self._accounts.get(HEALTH.name, {}).items())
-            if (health := _decoded(HEALTH, account)) is not None
+            self._service(health, stats.age(now_ns), now_ns)
+            for _, stats in sorted(self._topics.get(HEALTH.name, {}).items())
+            if (health := stats.decoded(HEALTH)) is not None
         )
         return Snapshot(
             topics=tuple(
-                _row(topic, list(self._accounts[topic.name].values()), services, now_ns)
+                _topic_row(topic, list(self._topics[topic.name].values()), services, now_ns)
                 for topic in ALL_TOPICS
-                if topic.name in self._accounts
+                if topic.name in self._topics
             ),
             services=services,
             control=self.latest(WBC_STATE),
@@ -229,44 +255,35 @@ class BusStats:
 
     def _service(self, health: ServiceHealth, age: float, now_ns: int) -> ServiceRow:
         key = key_of(self._robot, HEARTBEAT, health.service)
-        account = self._accounts.get(HEARTBEAT.name, {}).get(key)
-        beat = None if account is None else _decoded(HEARTBEAT, account)
-        if account is None or beat is None:
+        stats = self._topics.get(HEARTBEAT.name, {}).get(key, _KeyStats())
+        beat = stats.decoded(HEARTBEAT)
+        if beat is None:
             return ServiceRow(health, age)
-        return ServiceRow(health, age, account.age(now_ns), beat.promise)
+        return ServiceRow(health, age, stats.age(now_ns), beat.promise)
 
     def latest(self, topic: Topic[M]) -> M | None:
-        """Last message of a topic with one source; None before the first good one."""
-        accounts = list(self._accounts.get(topic.name, {}).values())
-        return _decoded(topic, accounts[-1]) if accounts else None
+        """Return the last message of a topic with one source; None before the first."""
+        keys = list(self._topics.get(topic.name, {}).values())
+        return keys[-1].decoded(topic) if keys else None
 
 
-def _decoded(topic: Topic[M], account: _Account) -> M | None:
-    if account.last is None:
-        return None
-    try:
-        return decode(account.last.payload, topic.schema, account.last.tag or None)
-    except SchemaError:
-        return None  # the topic's readers refuse it too, and count it
-
-
-def _row(
-    topic: Topic[Any], own: list[_Account], services: tuple[ServiceRow, ...], now_ns: int
+def _topic_row(
+    topic: Topic[Any], keys: list[_KeyStats], services: tuple[ServiceRow, ...], now_ns: int
 ) -> TopicRow:
-    age = min(account.age(now_ns) for account in own)
-    read = [
+    age = min(stats.age(now_ns) for stats in keys)
+    links = [
         link for service in services for link in service.health.links if link.topic == topic.name
     ]
     return TopicRow(
         name=topic.name,
-        rate=sum(account.recent(now_ns) for account in own) / WINDOW,
-        nominal=topic.rate * len(own),
+        rate=sum(stats.recent(now_ns) for stats in keys) / WINDOW,
+        nominal=topic.rate * len(keys),
         age=age,
-        messages=sum(account.messages for account in own),
-        gaps=sum(account.sequence.missing for account in own),
-        late=sum(account.sequence.late for account in own),
-        repeated=sum(account.sequence.repeated for account in own),
+        messages=sum(stats.messages for stats in keys),
+        gaps=sum(stats.sequence.missing for stats in keys),
+        late=sum(stats.sequence.late for stats in keys),
+        repeated=sum(stats.sequence.repeated for stats in keys),
         stale=topic.delivery is Delivery.LATEST and age > topic.max_age,
-        too_old=sum(link.stale for link in read),
-        refused=sum(link.refused for link in read),
+        too_old=sum(link.stale for link in links),
+        refused=sum(link.refused for link in links),
     )

@@ -15,7 +15,7 @@ from deploy.errors import DeployError
 from deploy.launch import Verdict, running_system
 from deploy.process import Exit, ProcessSpec, tail
 from deploy.system import SystemOptions, new_run_dir, robot_processes
-from lab.live.demo import FALL_AFTERMATH, Judge
+from lab.live.demo import FALL_AFTERMATH, ScriptJudge
 from lab.monitor.bus_stats import Snapshot
 from tests.lab.review.synthetic import Life
 
@@ -37,8 +37,8 @@ def view(*, fallen: bool = False, failed: str = "", heard: bool = True) -> Snaps
     return Snapshot((), (), control if heard else None, plant, operator)  # type: ignore[arg-type]
 
 
-def judge(seconds: float | None = None) -> Judge:
-    return Judge("teleop", seconds, timeout=100.0)
+def judge(seconds: float | None = None) -> ScriptJudge:
+    return ScriptJudge("teleop", seconds, timeout=100.0)
 
 
 def test_the_operators_good_end_completes_the_run() -> None:

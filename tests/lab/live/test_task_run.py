@@ -9,11 +9,12 @@ from rich.console import Console
 from common.schemas import PlantStatus, TaskStatus, TaskVerdict
 from deploy.process import Exit
 from deploy.system import SystemOptions, synthetic_operator
-from lab.live.demo import DemoOptions, Judge, _judge
-from lab.live.new_trials import NewTrials
-from lab.live.task_judge import AFTERMATH, PATIENCE, TaskJudge
+from lab.live.demo import DemoOptions, ScriptJudge, _judge
+from lab.live.new_trials import OperatorArrivals
+from lab.live.task_judge import AFTERMATH, VERDICT_TIMEOUT, TaskJudge
 from lab.monitor.bus_stats import BusStats, ServiceRow, Snapshot
-from lab.monitor.table import draw, line
+from lab.monitor.status_text import format_line
+from lab.monitor.table import render_table
 from lab.review.report import report_lines
 from lab.review.run_summary import RunSummary
 from lab.review.summary import summarise
@@ -178,8 +179,8 @@ def test_the_tasks_verdict_ends_the_run_after_a_moment(
 def test_an_operator_that_gives_up_or_ends_leaves_the_judge_some_seconds() -> None:
     one, seen = judge(), view(said(), failed="the lever slipped")
     assert one.verdict(10.0, seen, []) is None
-    assert one.verdict(10.0 + 0.9 * PATIENCE, seen, []) is None
-    ended = one.verdict(10.0 + PATIENCE, seen, [])
+    assert one.verdict(10.0 + 0.9 * VERDICT_TIMEOUT, seen, []) is None
+    ended = one.verdict(10.0 + VERDICT_TIMEOUT, seen, [])
     assert ended is not None
     assert ended.outcome == "task failed"
     assert ended.reason == (
@@ -189,10 +190,10 @@ def test_an_operator_that_gives_up_or_ends_leaves_the_judge_some_seconds() -> No
     two = judge()
     dead = [(Exit("teleop", 2, expected=False, restarted=False, tail=("what?",)), True)]
     assert two.verdict(3.0, view(None), dead) is None
-    ended = two.verdict(3.0 + PATIENCE, view(None), [])
+    ended = two.verdict(3.0 + VERDICT_TIMEOUT, view(None), [])
     assert ended is not None
     assert "what?" in ended.reason
-    assert "said nothing of a task" in ended.reason
+    assert "no task status" in ended.reason
     spoken = judge()
     assert spoken.verdict(10.0, seen, []) is None
     assert spoken.verdict(11.0, view(said(SUCCESS)), []) is None
@@ -220,20 +221,20 @@ def test_time_runs_out_and_services_die() -> None:
 def test_a_task_is_done_by_the_synthetic_operator_unless_a_script_is_named() -> None:
     task = SystemOptions(task="door/unlock", seed=7)
     assert isinstance(_judge(DemoOptions(task)), TaskJudge)
-    assert isinstance(_judge(DemoOptions(task, script="gaits")), Judge)
-    assert isinstance(_judge(DemoOptions()), Judge)
+    assert isinstance(_judge(DemoOptions(task, script="gaits")), ScriptJudge)
+    assert isinstance(_judge(DemoOptions()), ScriptJudge)
     args = synthetic_operator("door/unlock", 7).args
     assert args == ("synthetic", "--task", "door/unlock", "--seed", "7", "--stay")
 
 
 def shown(*pairs: Pair) -> tuple[str, str]:
     """Table and line of what was heard."""
-    board = BusStats("draco3")
-    board.note(sample(pair, at=float(i)) for i, pair in enumerate(pairs))
-    seen = board.view(now_ns=len(pairs) * 1_000_000_000)
+    stats = BusStats("draco3")
+    stats.add(sample(pair, at=float(i)) for i, pair in enumerate(pairs))
+    seen = stats.snapshot(now_ns=len(pairs) * 1_000_000_000)
     console = Console(width=150, file=io.StringIO(), record=True)
-    console.print(draw(seen, "title"))
-    return console.export_text(), line(seen)
+    console.print(render_table(seen, "title"))
+    return console.export_text(), format_line(seen)
 
 
 def test_the_table_and_the_line_show_how_the_task_stands() -> None:
@@ -247,7 +248,7 @@ def test_the_table_and_the_line_show_how_the_task_stands() -> None:
         "undesired: left wrist on jamb"
     ) in words
     table, words = shown(status(life, 3, PARTIAL))
-    assert "PARTIAL: it was a partial, stage 3/3: door unlocked, nothing undesired" in words
+    assert "PARTIAL: it was a partial, stage 3/3: door unlocked, no undesired contact" in words
     table, words = shown(life.status())
     assert "task" not in table
     assert "seed" not in words
@@ -255,28 +256,28 @@ def test_the_table_and_the_line_show_how_the_task_stands() -> None:
 
 def with_operators(task: TaskStatus | None, *operators: tuple[str, int]) -> Snapshot:
     """Who is there: services with the number of their life."""
-    rows = tuple(ServiceRow(health(Life(), *who), age=0.1) for who in operators)
+    rows = tuple(ServiceRow(health(Life(), *who), health_age=0.1) for who in operators)
     return Snapshot((), rows, task=task)
 
 
 def test_who_comes_late_gets_a_new_trial_and_nobody_else_does() -> None:
     running, over = said(), said(SUCCESS)
-    new = NewTrials()
-    assert new.due(with_operators(running, ("wbc", 1), ("sim", 1))) is None
-    assert new.due(with_operators(running, ("wbc", 1), ("teleop", 1))) == 7
-    assert new.due(with_operators(over, ("wbc", 1), ("teleop", 1))) is None
-    assert new.due(with_operators(over, ("wbc", 2))) is None
-    assert new.due(with_operators(over, ("teleop", 2))) == 8
-    assert new.due(with_operators(over, ("teleop", 2), ("keyboard", 1))) is None
-    assert new.due(with_operators(over, ("keyboard", 1))) is None
+    new = OperatorArrivals()
+    assert new.new_seed(with_operators(running, ("wbc", 1), ("sim", 1))) is None
+    assert new.new_seed(with_operators(running, ("wbc", 1), ("teleop", 1))) == 7
+    assert new.new_seed(with_operators(over, ("wbc", 1), ("teleop", 1))) is None
+    assert new.new_seed(with_operators(over, ("wbc", 2))) is None
+    assert new.new_seed(with_operators(over, ("teleop", 2))) == 8
+    assert new.new_seed(with_operators(over, ("teleop", 2), ("keyboard", 1))) is None
+    assert new.new_seed(with_operators(over, ("keyboard", 1))) is None
 
-    early = NewTrials()
-    assert early.due(with_operators(None, ("teleop", 1))) is None
+    early = OperatorArrivals()
+    assert early.new_seed(with_operators(None, ("teleop", 1))) is None
     start = status(Life(), time=0.0)[1]
     assert isinstance(start, TaskStatus)
-    assert early.due(with_operators(start, ("teleop", 1))) is None
-    assert early.due(with_operators(running, ("teleop", 1))) is None
-    assert early.due(with_operators(running, ("teleop", 2))) == 8
+    assert early.new_seed(with_operators(start, ("teleop", 1))) is None
+    assert early.new_seed(with_operators(running, ("teleop", 1))) is None
+    assert early.new_seed(with_operators(running, ("teleop", 2))) == 8
 
 
 def test_what_passed_before_the_operator_came_is_nobodys_trial() -> None:
