@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="command")
     for command in COMMANDS:
-        command.under(commands, "command")
+        command.add_to(commands, "command")
     return parser
 
 
