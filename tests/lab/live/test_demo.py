@@ -1,4 +1,4 @@
-"""Who is to blame when a demonstration ends."""
+"""Verdicts on the run of a script, and how a run starts and ends."""
 
 import os
 import signal
@@ -17,7 +17,7 @@ from deploy.process import Exit, ProcessSpec, tail
 from deploy.system import SystemOptions, new_run_dir, robot_processes
 from lab.live.demo import FALL_AFTERMATH, ScriptJudge
 from lab.monitor.bus_stats import Snapshot
-from tests.lab.review.synthetic import Life
+from tests.lab.review.synthetic import FakeRobot
 
 NOTHING: list[tuple[Exit, bool]] = []
 
@@ -28,12 +28,12 @@ def ended(name: str, code: int = 1, **changes: Any) -> Exit:
 
 
 def view(*, fallen: bool = False, failed: str = "", heard: bool = True) -> Snapshot:
-    life = Life()
+    robot = FakeRobot()
     operator = OperatorStatus(
         script="demo", step=3, steps=9, label="walk", finished=bool(failed), failed=failed
     )
-    _, plant = life.status(fallen=fallen)
-    _, control = life.wbc()
+    _, plant = robot.status(fallen=fallen)
+    _, control = robot.wbc()
     return Snapshot((), (), control if heard else None, plant, operator)  # type: ignore[arg-type]
 
 

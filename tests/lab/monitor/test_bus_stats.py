@@ -1,4 +1,4 @@
-"""What the live table says about a bus with known traffic."""
+"""Statistics and live table of a bus with known traffic."""
 
 import io
 from typing import Any
@@ -15,7 +15,7 @@ from lab.monitor.bus_stats import HEALTH_TIMEOUT, WINDOW, BusStats, Snapshot
 from lab.monitor.status_text import format_line
 from lab.monitor.table import Content, render_table, share_lines
 from tests.common.transport.support import health as example_health
-from tests.lab.review.synthetic import Life, Pair
+from tests.lab.review.synthetic import FakeRobot, Pair
 
 SECOND = 1_000_000_000
 
@@ -28,10 +28,10 @@ def sample(pair: Pair, at: float, robot: str = "draco3") -> RawSample:
 
 
 def test_rate_age_and_gaps() -> None:
-    life, stats = Life(), BusStats("draco3")
+    robot, stats = FakeRobot(), BusStats("draco3")
     for number in range(100):
         skip = 4 if number == 50 else 0
-        pair = life.plant(PLANT_STATE, 0, 0, 0, skip=skip)
+        pair = robot.plant(PLANT_STATE, 0, 0, 0, skip=skip)
         stats.add([sample(pair, at=number * 0.05)])
     (row,) = stats.snapshot(5 * SECOND).topics
     assert row.name == "plant/state"
@@ -44,8 +44,8 @@ def test_rate_age_and_gaps() -> None:
 
 
 def test_overtaken_repeated_and_missing_are_told_apart() -> None:
-    life, stats = Life(), BusStats("draco3")
-    stream = [sample(life.plant(PLANT_STATE, 0, 0, 0), at=0.01 * n) for n in range(10)]
+    robot, stats = FakeRobot(), BusStats("draco3")
+    stream = [sample(robot.plant(PLANT_STATE, 0, 0, 0), at=0.01 * n) for n in range(10)]
     order = [0, 1, 1, 4, 3, 3, 7, 8, 1]
     stats.add([stream[n]._replace(arrival_ns=at) for at, n in enumerate(order)])
     (row,) = stats.snapshot(SECOND).topics
@@ -55,20 +55,20 @@ def test_overtaken_repeated_and_missing_are_told_apart() -> None:
 
 
 def test_a_heartbeat_tells_life_sooner_than_health() -> None:
-    life, stats = Life(), BusStats("draco3")
-    stats.add([sample(life.health("wbc", misses=0, median=0.0, p99=0.0), at=10.0)])
+    robot, stats = FakeRobot(), BusStats("draco3")
+    stats.add([sample(robot.health("wbc", misses=0, median=0.0, p99=0.0), at=10.0)])
     (service,) = stats.snapshot(12 * SECOND).services
     assert (service.alive, service.heartbeat_age) == (True, None)
-    stats.add([sample(beat(life, "wbc", promise=0.1), at=10.1)])
+    stats.add([sample(beat(robot, "wbc", promise=0.1), at=10.1)])
     (service,) = stats.snapshot(round(10.3 * SECOND)).services
     assert service.alive
     assert service.silence == pytest.approx(0.2)
     (service,) = stats.snapshot(round(10.5 * SECOND)).services
     assert not service.alive
-    # Another one's does not count for it; a longer promise does.
-    stats.add([sample(beat(life, "sim", promise=0.1), at=10.45)])
+    # Another service's heartbeat does not count; a longer timeout does.
+    stats.add([sample(beat(robot, "sim", promise=0.1), at=10.45)])
     assert not stats.snapshot(round(10.5 * SECOND)).services[0].alive
-    stats.add([sample(beat(life, "wbc", promise=1.0), at=10.45)])
+    stats.add([sample(beat(robot, "wbc", promise=1.0), at=10.45)])
     assert stats.snapshot(round(12.5 * SECOND)).services[0].alive
 
 
@@ -82,11 +82,11 @@ def test_a_dead_services_inputs_and_peers_are_not_shown() -> None:
 
 
 def test_services_and_what_their_readers_refuse() -> None:
-    life, stats = Life(), BusStats("draco3")
+    robot, stats = FakeRobot(), BusStats("draco3")
     for name in ("wbc", "sim"):
-        pair = life.health(name, misses=3, median=0.002, p99=0.004)
+        pair = robot.health(name, misses=3, median=0.002, p99=0.004)
         stats.add([sample(pair, at=1.0 if name == "sim" else 9.0)])
-    stats.add([sample(life.plant(PLANT_STATE, 0, 0, 0), at=9.0)])
+    stats.add([sample(robot.plant(PLANT_STATE, 0, 0, 0), at=9.0)])
     seen = stats.snapshot(10 * SECOND)
     assert [(s.health.service, s.alive) for s in seen.services] == [("sim", False), ("wbc", True)]
     rows = {row.name: row for row in seen.topics}
@@ -97,8 +97,8 @@ def test_services_and_what_their_readers_refuse() -> None:
 
 
 def test_other_keys_and_undecodable_messages_do_no_harm() -> None:
-    life, stats = Life(), BusStats("draco3")
-    good = sample(life.status(), at=1.0)
+    robot, stats = FakeRobot(), BusStats("draco3")
+    good = sample(robot.status(), at=1.0)
     stats.add([RawSample("draco3/nonsense", b"x", "", 1), good._replace(key="other/plant/status")])
     assert stats.snapshot(SECOND).topics == ()
     stats.add([good._replace(payload=b"\xc1garbage")])
@@ -110,21 +110,21 @@ def test_other_keys_and_undecodable_messages_do_no_harm() -> None:
 
 
 def everything() -> BusStats:
-    life, stats = Life(), BusStats("draco3")
+    robot, stats = FakeRobot(), BusStats("draco3")
     operator = OperatorStatus(script="demo", step=4, steps=8, label="a mark", finished=False)
     pairs = [
-        life.plant(PLANT_STATE, 0, 0, 0),
-        life.status(),
-        life.wbc(),
-        life.health("wbc", misses=7, median=0.002, p99=0.004),
+        robot.plant(PLANT_STATE, 0, 0, 0),
+        robot.status(),
+        robot.wbc(),
+        robot.health("wbc", misses=7, median=0.002, p99=0.004),
         (TELEOP_STATUS, operator),
     ]
     stats.add([sample(pair, at=1.0) for pair in pairs])
     return stats
 
 
-def beat(life: Life, source: str, promise: float) -> Pair:
-    header = life.header(HEARTBEAT, source)
+def beat(robot: FakeRobot, source: str, promise: float) -> Pair:
+    header = robot.header(HEARTBEAT, source)
     return HEARTBEAT, Heartbeat(header=header, steps=1, promise=promise)
 
 
@@ -183,7 +183,7 @@ def test_ledger_links_and_peers_are_shown() -> None:
     for words in ("silent 2.5 s", "-200.000 ± 0.400 ms", "unknown"):
         assert words in text
     assert "beatless" not in text
-    # Of those the table's own line, and no more, tells of "sim": it is well.
+    # Only peers with problems are shown, and "sim" has none.
     assert sum(line.startswith("sim ") for line in lines) == 0
     assert max(len(line) for line in lines) <= 100
     row = next(

@@ -1,4 +1,4 @@
-"""A small robot's life as messages, for tests of summaries and pictures."""
+"""Messages of a fake robot, for tests of summaries, pictures and the live table."""
 
 from collections.abc import Iterator
 from itertools import count
@@ -45,7 +45,7 @@ Pair = tuple[Topic[Any], Message]
 MS = 1_000_000
 
 
-class Life:
+class FakeRobot:
     """Makes messages with growing sequence numbers; times in ms of robot and sender's clock."""
 
     def __init__(self) -> None:

@@ -17,16 +17,16 @@ from lab.review.report import draw_pictures
 from lab.review.timeline import Timeline, read_timeline
 from services.sim.errors import RenderingUnavailableError
 from services.sim.rendering.render import render_states
-from tests.lab.cli.test_cli import recorded
-from tests.lab.review.synthetic import Life
+from tests.lab.review.synthetic import FakeRobot
+from tests.lab.review.test_report import recorded
 from tests.lab.review.test_timeline import mark, picture, stand
 
 
 @pytest.fixture(scope="module")
 def timeline() -> Timeline:
-    life = Life()
-    pairs = [*stand(life, 2), mark(life, "standing"), picture(life, 200), *stand(life, 6)]
-    pairs += [(t, m) for t, m in life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0))]
+    robot = FakeRobot()
+    pairs = [*stand(robot, 2), mark(robot, "standing"), picture(robot, 200), *stand(robot, 6)]
+    pairs += [(t, m) for t, m in robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0))]
     made = read_timeline(pairs)
     try:
         next(iter(render_states(made.truth[:1], 64, 48)))

@@ -1,4 +1,4 @@
-"""Plots as images: what is drawn where."""
+"""Plots as images."""
 
 from math import pi
 
@@ -12,13 +12,13 @@ from lab.review.figure import new_figure
 from lab.review.path_plot import plot_path
 from lab.review.timeline import read_timeline
 from services.wbc.config import GaitConfig
-from tests.lab.review.synthetic import Life
+from tests.lab.review.synthetic import FakeRobot
 
 
 def test_the_path_plot_shows_commanded_and_walked_apart() -> None:
-    life = Life()
-    gait = life.gait(0, Gait.FORWARD, (0, 0, pi / 2), (0, 0.1, pi / 2))
-    timeline = read_timeline([life.settings(GaitConfig(forward_step=0.4)), *gait])
+    robot = FakeRobot()
+    gait = robot.gait(0, Gait.FORWARD, (0, 0, pi / 2), (0, 0.1, pi / 2))
+    timeline = read_timeline([robot.settings(GaitConfig(forward_step=0.4)), *gait])
     image = plot_path(timeline, 480, 270)
     assert image.shape == (270, 480, 3)
     lower = image[100:].astype(int)  # below the legend
@@ -29,7 +29,7 @@ def test_the_path_plot_shows_commanded_and_walked_apart() -> None:
 
 
 def test_a_robot_that_stands_has_a_path_plot_too() -> None:
-    timeline = read_timeline([Life().plant(PLANT_TRUTH, 0, 0, 0)])
+    timeline = read_timeline([FakeRobot().plant(PLANT_TRUTH, 0, 0, 0)])
     assert plot_path(timeline, 480, 270).shape == (270, 480, 3)
 
 

@@ -23,8 +23,8 @@ from services.sim.rendering.render import render_states
 from services.sim.rendering.shots import SHOTS, shot_of
 from services.sim.scenes import SCENES
 from services.sim.tasks import all_tasks
-from tests.lab.review.synthetic import Life
-from tests.lab.review.task_life import stand, status, unlocked
+from tests.lab.review.synthetic import FakeRobot
+from tests.lab.review.synthetic_task import stand, status, unlocked
 
 
 def quiet(_done: int, _total: int) -> None:
@@ -33,13 +33,13 @@ def quiet(_done: int, _total: int) -> None:
 
 @pytest.fixture(scope="module")
 def timeline() -> Timeline:
-    life = Life()
-    header = life.header(CAMERA_LEFT, "cameras")
+    robot = FakeRobot()
+    header = robot.header(CAMERA_LEFT, "cameras")
     frame = CameraFrame(
         header=header, eye="left", width=2, height=2, encoding="rgb8", data=bytes([9, 200, 9] * 4)
     )
-    start = stand(life, 1)
-    made = read_timeline([*start, (CAMERA_LEFT, frame), *unlocked(life)])
+    start = stand(robot, 1)
+    made = read_timeline([*start, (CAMERA_LEFT, frame), *unlocked(robot)])
     try:
         next(iter(render_states(made.truth[:1], 64, 48)))
     except RenderingUnavailableError as error:
@@ -115,7 +115,7 @@ def test_every_task_has_a_camera_and_a_new_one_its_scenes_first_view() -> None:
 
 
 def test_a_trial_without_a_verdict_has_a_headline_too() -> None:
-    message = status(Life(), 1, time=3.0)[1]
+    message = status(FakeRobot(), 1, time=3.0)[1]
     assert isinstance(message, TaskStatus)
     timeline = Timeline(operator_script="synthetic door/unlock")
     words = "door/unlock  seed 7  no verdict after 3.0 s   operator: synthetic"

@@ -1,4 +1,4 @@
-"""Which moments of a run get a picture."""
+"""Timelines of known runs, and the moments chosen from them."""
 
 import numpy as np
 
@@ -13,12 +13,12 @@ from lab.review.timeline import (
     key_moments,
     read_timeline,
 )
-from tests.lab.review.synthetic import MS, Life, Pair
+from tests.lab.review.synthetic import MS, FakeRobot, Pair
 
 
-def mark(life: Life, label: str) -> Pair:
+def mark(robot: FakeRobot, label: str) -> Pair:
     return TELEOP_STATUS, OperatorStatus(
-        header=life.header(TELEOP_STATUS, "teleop"),
+        header=robot.header(TELEOP_STATUS, "teleop"),
         script="s",
         step=0,
         steps=1,
@@ -27,19 +27,19 @@ def mark(life: Life, label: str) -> Pair:
     )
 
 
-def stand(life: Life, steps: int, grip: tuple[int, int] = (0, 0)) -> list[Pair]:
+def stand(robot: FakeRobot, steps: int, grip: tuple[int, int] = (0, 0)) -> list[Pair]:
     """``steps`` ground truths 100 ms apart, grippers closed between the numbers of ``grip``."""
     pairs = []
     for step in range(steps):
-        life.now += 100
-        topic, state = life.plant(PLANT_TRUTH, 0, 0, 0)
+        robot.now += 100
+        topic, state = robot.plant(PLANT_TRUTH, 0, 0, 0)
         closure = np.ones(2) if grip[0] <= step < grip[1] else np.zeros(2)
         pairs.append((topic, state.model_copy(update={"gripper_closure": closure})))
     return pairs
 
 
-def picture(life: Life, value: int = 0) -> Pair:
-    header = life.header(CAMERA_LEFT, "cameras")
+def picture(robot: FakeRobot, value: int = 0) -> Pair:
+    header = robot.header(CAMERA_LEFT, "cameras")
     data = bytes([value % 256]) * 12
     return CAMERA_LEFT, CameraFrame(
         header=header, eye="left", width=2, height=2, encoding="rgb8", data=data
@@ -47,36 +47,36 @@ def picture(life: Life, value: int = 0) -> Pair:
 
 
 def test_truth_is_thinned_and_a_reset_kept() -> None:
-    life = Life()
+    robot = FakeRobot()
     pairs = []
     for _ in range(500):
-        life.now += 20
-        pairs.append(life.plant(PLANT_TRUTH, 0, 0, 0))
+        robot.now += 20
+        pairs.append(robot.plant(PLANT_TRUTH, 0, 0, 0))
     timeline = read_timeline(pairs)
     assert len(timeline.truth) == 125
     assert RATE == 12.5
     steps = np.diff([state.header.stamp for state in timeline.truth])
     assert set(steps) == {80 * MS}
-    life.now = 1000
-    assert len(read_timeline([*pairs, life.plant(PLANT_TRUTH, 0, 0, 0)]).truth) == 126
+    robot.now = 1000
+    assert len(read_timeline([*pairs, robot.plant(PLANT_TRUTH, 0, 0, 0)]).truth) == 126
 
 
 def test_each_gait_type_once_mid_swing_and_each_other_section_at_its_end() -> None:
-    life = Life()
+    robot = FakeRobot()
     walk = [
-        *life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)),
-        *life.gait(1, Gait.FORWARD, (0.2, 0, 0), (0.4, 0, 0)),
-        *life.gait(2, Gait.TURN_LEFT, (0.4, 0, 0), (0.4, 0, 0.3)),
+        *robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)),
+        *robot.gait(1, Gait.FORWARD, (0.2, 0, 0), (0.4, 0, 0)),
+        *robot.gait(2, Gait.TURN_LEFT, (0.4, 0, 0), (0.4, 0, 0.3)),
     ]
     pairs = [
-        *stand(life, 3),
-        mark(life, "reach"),
-        *stand(life, 10),
-        mark(life, "grip"),
-        *stand(life, 10, grip=(4, 7)),
-        mark(life, "walk"),
+        *stand(robot, 3),
+        mark(robot, "reach"),
+        *stand(robot, 10),
+        mark(robot, "grip"),
+        *stand(robot, 10, grip=(4, 7)),
+        mark(robot, "walk"),
     ]
-    pairs += [(topic, m) for topic, m in _later(walk, life) if topic is not TELEOP_STATUS]
+    pairs += [(topic, m) for topic, m in _later(walk, robot) if topic is not TELEOP_STATUS]
     timeline = read_timeline(pairs)
     chosen = key_moments(timeline)
     assert [moment.label for moment in chosen] == ["reach", "grip", "forward", "turn left"]
@@ -87,9 +87,9 @@ def test_each_gait_type_once_mid_swing_and_each_other_section_at_its_end() -> No
     assert [s.gait for s in timeline.gaits] == [Gait.FORWARD, Gait.FORWARD, Gait.TURN_LEFT]
 
 
-def _later(pairs: list[Pair], life: Life) -> list[Pair]:
-    """The same messages, stamped after everything ``life`` made so far (they were made first)."""
-    shift = life.now * MS
+def _later(pairs: list[Pair], robot: FakeRobot) -> list[Pair]:
+    """The same messages, stamped after all others of ``robot``, although they were made first."""
+    shift = robot.now * MS
     return [
         (
             topic,
@@ -102,13 +102,13 @@ def _later(pairs: list[Pair], life: Life) -> list[Pair]:
 
 
 def test_without_labels_the_run_is_shown_evenly() -> None:
-    chosen = key_moments(read_timeline(stand(Life(), 61)), spare=6)
+    chosen = key_moments(read_timeline(stand(FakeRobot(), 61)), spare=6)
     assert [moment.index for moment in chosen] == [0, 10, 20, 30, 40, 50, 60]
 
 
 def test_a_fall_is_shown_and_an_empty_run_is_not() -> None:
-    life = Life()
-    pairs = [*stand(life, 10), life.status(fallen=True), *stand(life, 5)]
+    robot = FakeRobot()
+    pairs = [*stand(robot, 10), robot.status(fallen=True), *stand(robot, 5)]
     timeline = read_timeline(pairs)
     assert timeline.fall == 9
     assert "FELL" in [moment.label for moment in key_moments(timeline)]
@@ -116,10 +116,10 @@ def test_a_fall_is_shown_and_an_empty_run_is_not() -> None:
 
 
 def test_pictures_are_bounded_and_found_by_time() -> None:
-    life = Life()
+    robot = FakeRobot()
     pairs: list[Pair] = []
     for number in range(MAX_IMAGES + 500):
-        pairs += [*stand(life, 1), picture(life, number)]
+        pairs += [*stand(robot, 1), picture(robot, number)]
     timeline = read_timeline(pairs)
     assert MAX_IMAGES / 2 <= len(timeline.left_images) <= MAX_IMAGES
     found = image_at(timeline.left_images, 1000)
@@ -129,7 +129,7 @@ def test_pictures_are_bounded_and_found_by_time() -> None:
 
 
 def test_a_long_run_is_shown_faster() -> None:
-    timeline = read_timeline(stand(Life(), 100))
+    timeline = read_timeline(stand(FakeRobot(), 100))
     assert frame_step(timeline, most=1000) == 1
     assert frame_step(timeline, most=100) == 1
     assert frame_step(timeline, most=99) == 2

@@ -10,14 +10,14 @@ from lab.studies.tasks.command import main
 from lab.studies.tasks.film import LARGEST, FilmError, write_sheet
 from lab.trials.stack import TrialResult
 from services.sim.errors import RenderingUnavailableError
-from tests.lab.review.synthetic import Life
-from tests.lab.review.task_life import unlocked
+from tests.lab.review.synthetic import FakeRobot
+from tests.lab.review.synthetic_task import unlocked
 
 RESULT = TrialResult("door/unlock", 7, "success", 6.0, "it was", "", "", (), 10.0, 5.0)
 
 
 def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:
-    timeline = read_timeline(unlocked(Life()))
+    timeline = read_timeline(unlocked(FakeRobot()))
     path = tmp_path / "new" / "sheet.jpg"
     try:
         write_sheet(RESULT, timeline, path)
