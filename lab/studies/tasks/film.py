@@ -12,7 +12,7 @@ from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, T
 from lab.review.frames import Image
 from lab.review.task_contact_sheet import TILE, task_contact_sheet, task_title
 from lab.review.timeline import Timeline, read_timeline
-from lab.trials.links import links_words
+from lab.trials.links import links_text
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.stack import TaskStack
 from services.sim.rendering.cameras import CameraConfig, StereoRenderer
@@ -60,7 +60,7 @@ def write_sheet(
         FilmError: the file cannot be written.
     """
     assert timeline.task is not None
-    links = "" if not result.links else f", link {links_words(result.links)}"
+    links = "" if not result.links else f", link {links_text(result.links)}"
     title = f"{task_title(timeline, timeline.task)}, in simulated time{links}"
     if result.verdict != "success":
         title += f": {result.reason}"
