@@ -12,9 +12,9 @@ runs/<date-time>/: log.mcap (every message), summary.json, contact_sheet.png, vi
 services' own output in logs/."""
 
 COMMANDS = (
-    Command("demo", "run the whole system by a script, or at a task", "lab.cli.system:DEMO_ACTION"),
-    Command("drive", "drive the whole system from your keyboard", "lab.cli.system:DRIVE_ACTION"),
-    Command("up", "run the robot's side without an operator", "lab.cli.system:UP_ACTION"),
+    Command("demo", "run a script or a task and report", "lab.cli.system:DEMO_ACTION"),
+    Command("drive", "control the robot with your keys", "lab.cli.system:DRIVE_ACTION"),
+    Command("up", "start the robot without an operator", "lab.cli.system:UP_ACTION"),
     Command("top", "show the live table of a running system", "lab.cli.top:ACTION"),
     Command("record", "record a running system", "lab.cli.logs:RECORD_ACTION"),
     Command("info", "show what a log contains", "lab.cli.logs:INFO_ACTION"),
@@ -22,7 +22,7 @@ COMMANDS = (
     Command("mark", "mark the start or end of an episode", "lab.cli.logs:MARK_ACTION"),
     Command("ledger", "show where the time of every message went", "lab.cli.ledger:ACTION"),
     Command("latency", "inject latency, jitter and loss", "lab.cli.latency:ACTION"),
-    Command("tasks", "show the scored tasks", "lab.cli.tasks:ACTION"),
+    Command("tasks", "describe the scored tasks", "lab.cli.tasks:ACTION"),
     Command("collect", "collect demonstrations of a task", "lab.cli.collect:ACTION"),
     Command("dataset", "export demonstrations to lerobot or robomimic", "lab.cli.dataset:ACTION"),
     Command("study", "study the effect of latency on an operator", "lab.cli.study:ACTION"),

@@ -34,11 +34,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Show the table until Ctrl-C; returns 0."""
     from common.transport.config import bus_of
     from lab.monitor.monitor import watch
-    from lab.monitor.table import Show
+    from lab.monitor.table import Content
 
     bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-    show = Show.TOPICS if arguments.topics else Show.LEDGER if arguments.ledger else Show.ALL
-    watch(bus, f"trill top  {bus.robot}  base port {bus.base_port}", show)
+    content = (
+        Content.TOPICS if arguments.topics else Content.LEDGER if arguments.ledger else Content.ALL
+    )
+    watch(bus, f"trill top  {bus.robot}  base port {bus.base_port}", content)
     return 0
 
 
