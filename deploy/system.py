@@ -25,32 +25,31 @@ class SystemOptions:
 
     Attributes:
         torque_mode: torque limits, ``relaxed`` (as the public TRILL simulation) or ``rated`` (the
-            URDF's).
+            URDF's); None: those of the configuration, ``relaxed`` if it has none.
         cameras: whether the cameras run.
         record: whether a logger records everything.
         config: TOML file for the whole stack, or None.
         restart: whether a service that fails is started again.
         links: injected delays, as the text of TRILL_LINKS.
         task: scored task of the plant; None: flat ground.
-        seed: seed of sensor noise and the task's start.
+        seed: seed of sensor noise and the task's start; None: that of the configuration, or 0.
     """
 
-    torque_mode: str = "relaxed"
+    torque_mode: str | None = None
     cameras: bool = True
     record: bool = True
     config: Path | None = None
     restart: Restart = Restart.NEVER
     links: str = ""
     task: str | None = None
-    seed: int = 0
+    seed: int | None = None
 
 
 def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
     """Declare the robot's side: router, logger, plant, cameras and controller."""
-    limits = ("--torque-mode", options.torque_mode)
-    plant: tuple[str, ...] = (*limits, "--seed", str(options.seed))
-    if options.task is not None:
-        plant = (*plant, "--task", options.task)
+    limits = _option("--torque-mode", options.torque_mode)
+    seed = None if options.seed is None else str(options.seed)
+    plant = (*limits, *_option("--seed", seed), *_option("--task", options.task))
     return [
         ProcessSpec(
             "router",
@@ -87,6 +86,11 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             stop_order=_THEN,
         ),
     ]
+
+
+def _option(name: str, value: str | None) -> tuple[str, ...]:
+    """Return a command-line option; nothing where a configuration file is to decide."""
+    return () if value is None else (name, value)
 
 
 def scripted_operator(script: str) -> ProcessSpec:

@@ -67,10 +67,9 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-mode",
         choices=["relaxed", "rated"],
-        default="relaxed",
         help="torque limits of plant and controller: relaxed adds 200 N·m to the legs, as the "
         "public TRILL simulation does; rated keeps those of the URDF, with which the robot stands "
-        "taller and walks more slowly (default: relaxed)",
+        "taller and walks more slowly (default: the configuration's, else relaxed)",
     )
     parser.add_argument("--no-cameras", action="store_true", help="start no cameras")
     parser.add_argument(
@@ -79,8 +78,8 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed",
         type=int,
-        default=0,
-        help="seed of sensor noise, the task's start and the synthetic operator (default: 0)",
+        help="seed of sensor noise, the task's start and the synthetic operator (default: the "
+        "configuration's, else 0)",
     )
     bus_options(parser, "first port of the system (default: a free block of ports is found)")
     parser.add_argument(
@@ -196,7 +195,7 @@ def _finish(
     if ended.verdict.outcome != "completed":
         # Before the log is read: if there is none, this is the reason.
         print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
-    settings = {"torque_mode": arguments.torque_mode, "config": str(arguments.config or "")}
+    settings = {"torque_mode": arguments.torque_mode or "as configured", "config": str(arguments.config or "")}
     summary = finish(ended, settings, pictures=pictures, video=video)
     if summary.outcome == "completed":
         return 0

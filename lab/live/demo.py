@@ -103,7 +103,7 @@ def run_demo(options: DemoOptions) -> RunResult:
     """
     task, judge = options.system.task, _judge(options)
     if isinstance(judge, TaskJudge) and task is not None:
-        operator = synthetic_operator(task, options.system.seed)
+        operator = synthetic_operator(task, options.system.seed or 0)
     else:
         script = options.script or DEMONSTRATION
         script_named(script, ScriptOptions())
