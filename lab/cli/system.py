@@ -195,7 +195,10 @@ def _finish(
     if ended.verdict.outcome != "completed":
         # Before the log is read: if there is none, this is the reason.
         print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
-    settings = {"torque_mode": arguments.torque_mode or "as configured", "config": str(arguments.config or "")}
+    settings = {
+        "torque_mode": arguments.torque_mode or "as configured",
+        "config": str(arguments.config or ""),
+    }
     summary = finish(ended, settings, pictures=pictures, video=video)
     if summary.outcome == "completed":
         return 0
