@@ -23,9 +23,8 @@ from common.errors import TrillError
 from common.inbox.arrivals import NEVER
 from common.inbox.buffer import InboxContext, TopicBuffer
 from common.inbox.health import health_of
-from common.links.config import Links, link_seed
+from common.links.config import CAMERAS, Links, link_seed
 from common.links.delay import DelayLine, DelayStats
-from common.links.names import EYES
 from common.links.spec import LinkSpec
 from common.schemas import LinkHealth, Message
 from common.topics import Topic
@@ -160,17 +159,15 @@ class Inbox:
         """Health of every input, as published in :class:`~common.schemas.ServiceHealth`."""
         return [self._health_of(buffer) for buffer in self._all]
 
-    def set_link(self, topic_name: str, spec: LinkSpec | None) -> None:
-        """Change the link in front of an input from now on; None: no delay any more.
+    def set_link(self, topic_name: str, spec: LinkSpec) -> None:
+        """Change the link in front of an input from now on.
 
         Messages that are under way arrive as they would have. Service's thread only.
         """
         buffer = self._buffers[topic_name]
-        if spec is None and buffer.queue.line is None:
-            return
         # What has arrived already belongs to the old link, though no step has looked at it yet.
         buffer.release(-1)
-        buffer.queue.set_line(self._line(buffer.topic, spec or LinkSpec()))
+        buffer.queue.set_line(self._line(buffer.topic, spec))
         self._linked = self._with_line()
 
     def link_of(self, topic_name: str) -> str:
@@ -231,7 +228,7 @@ class Inbox:
 
     def _line(self, topic: Topic[Any], spec: LinkSpec) -> DelayLine[Any]:
         seed = link_seed(self._seed, self._service, topic.name)
-        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in EYES else None)
+        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in CAMERAS else None)
 
     def _with_line(self) -> tuple[TopicBuffer, ...]:
         return tuple(buffer for buffer in self._all if buffer.queue.line is not None)

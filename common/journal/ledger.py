@@ -14,8 +14,8 @@ import numpy.typing as npt
 from common.errors import TrillError
 from common.journal.stages import stage_durations, stage_times
 from common.journal.tables import INPUT_COLUMNS, InputOutcome, Table, read_tables
-from common.links.delay import requested
 from common.links.spec import LinkSpec
+from common.links.summary import requested
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 
 STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "total")
@@ -186,6 +186,7 @@ def _joined(account: _Input) -> tuple[Table, Table]:
 
 def _parsed(link: str) -> tuple[float, float]:
     try:
-        return requested(LinkSpec.parse(link))
+        asked = requested(LinkSpec.parse(link))
     except TrillError:
         return np.nan, np.nan
+    return asked.mean, asked.p99

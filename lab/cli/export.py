@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from deploy.system import LOG_FILE
+from lab.cli.commands import Action
 from lab.errors import LabError
 
 if TYPE_CHECKING:
@@ -163,3 +164,7 @@ def _bar(text: str) -> "Iterator[Callable[[int, int], None]]":
     ) as bars:
         task = bars.add_task(text, total=None)
         yield lambda done, total: bars.update(task, completed=done, total=total)
+
+
+EXPORT_ACTION = Action(EXPORT, EXPORT_EXAMPLES, takes_export, export)
+VIEW_ACTION = Action(VIEW, VIEW_EXAMPLES, takes_view, view)

@@ -7,11 +7,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import inf
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.system import LOG_FILE
-from lab.cli.commands import Command
-from services.logger.read.reader import LogReader
+from lab.cli.commands import Action
+
+if TYPE_CHECKING:
+    from services.logger.read.reader import LogReader
 
 TEXT = """Where the time went of every message a service took in, from a log: median and 99th
 percentile, exact and over all messages, of each stage of its way. capture: from taking in the
@@ -53,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lab.logs.ledger_log import ledger_table, render, write_csv
+    from services.logger.read.reader import LogReader
 
     begin, end = arguments.begin, arguments.end
     if not 0.0 <= begin < end:
@@ -76,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def as_text(log: LogReader) -> str:
+def as_text(log: "LogReader") -> str:
     """The ledger of a log as plain text.
 
     Raises:
@@ -115,11 +119,4 @@ def _progress(path: Path) -> Iterator[Callable[[int], None]]:
         yield lambda ns: bar.update(task, description=f"reading {path}: {1e-9 * ns:.0f} s")
 
 
-COMMAND = Command(
-    "ledger",
-    "where the time of every message went",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

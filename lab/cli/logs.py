@@ -7,15 +7,16 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from common.errors import TrillError
-from common.schemas import EpisodeAction
-from common.transport.config import BusConfig, bus_config, read_config_file, split_list
 from deploy.system import LOG_FILE, RUNS, new_run_dir
 from lab.cli import ledger
-from lab.cli.commands import Command
-from services.logger.__main__ import add_recording_options, settings_of
-from services.logger.read.reader import LogReader
+from lab.cli.commands import Action
+
+if TYPE_CHECKING:
+    from common.transport.config import BusConfig
+    from services.logger.read.reader import LogReader
 
 RECORD = """Record everything on a running system's bus until Ctrl-C, and nothing else. Beside the
 robot no option is needed. From another machine --connect is enough: robots and topics are found by
@@ -57,7 +58,7 @@ MARK_EXAMPLES = """examples:
   trill mark start --connect tcp/robot:7447
 """
 
-TABLES: dict[str, Callable[[LogReader], str]] = {"ledger": ledger.as_text}
+TABLES: "dict[str, Callable[[LogReader], str]]" = {"ledger": ledger.as_text}
 """Further tables of ``trill info --table``, by name; each reads the log and returns its text."""
 
 
@@ -75,12 +76,16 @@ def _bus_arguments(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def _record_arguments(parser: argparse.ArgumentParser) -> None:
+    from services.logger.__main__ import add_recording_options
+
     _bus_arguments(parser, "to record")
     parser.add_argument("--out", type=Path, help="directory for log.mcap (a new one in runs/)")
     add_recording_options(parser)
 
 
 def _record(arguments: argparse.Namespace) -> int:
+    from services.logger.__main__ import settings_of
+
     # First, so that a wrong option leaves no empty directory.
     _bus(arguments)
     settings_of(arguments, {})
@@ -115,6 +120,7 @@ def _info_arguments(parser: argparse.ArgumentParser) -> None:
 def _info(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import as_json, info_lines
     from services.logger.read.info import read_info
+    from services.logger.read.reader import LogReader
 
     path = _log_file(arguments.log)
     info = read_info(path)
@@ -165,18 +171,21 @@ def _mark_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _mark(arguments: argparse.Namespace) -> int:
+    from common.schemas import EpisodeAction
     from lab.logs.mark import mark
 
     print(mark(_bus(arguments), EpisodeAction[arguments.action.upper()], arguments.label))
     return 0
 
 
-def _bus(arguments: argparse.Namespace) -> BusConfig:
+def _bus(arguments: argparse.Namespace) -> "BusConfig":
     """The bus as a guest if --connect is given, else as a part of the system.
 
     Raises:
         ConfigError: the file, an option or an environment variable is wrong.
     """
+    from common.transport.config import bus_config, read_config_file, split_list
+
     config: Path | None = arguments.config
     if config is None and os.environ.get("TRILL_CONFIG"):
         config = Path(os.environ["TRILL_CONFIG"])
@@ -202,18 +211,7 @@ def _bar(name: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda done, size: bar.update(task, completed=done, total=size)
 
 
-COMMANDS = (
-    Command(
-        "record",
-        "only record a running system",
-        RECORD,
-        RECORD_EXAMPLES,
-        _record_arguments,
-        _record,
-    ),
-    Command("info", "what is in a log", INFO, INFO_EXAMPLES, _info_arguments, _info),
-    Command(
-        "repair", "make a broken log whole", REPAIR, REPAIR_EXAMPLES, _repair_arguments, _repair
-    ),
-    Command("mark", "start or end of an episode", MARK, MARK_EXAMPLES, _mark_arguments, _mark),
-)
+RECORD_ACTION = Action(RECORD, RECORD_EXAMPLES, _record_arguments, _record)
+INFO_ACTION = Action(INFO, INFO_EXAMPLES, _info_arguments, _info)
+REPAIR_ACTION = Action(REPAIR, REPAIR_EXAMPLES, _repair_arguments, _repair)
+MARK_ACTION = Action(MARK, MARK_EXAMPLES, _mark_arguments, _mark)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from common.errors import ConfigError, TrillError
 from deploy.system import LOG_FILE
+from lab.cli.commands import Action
 
 TEXT = """Replay a log, in one of two ways.
 
@@ -172,3 +173,6 @@ def _positive(text: str) -> float:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
+
+
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

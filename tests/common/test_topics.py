@@ -12,7 +12,7 @@ from typing import Any, cast
 import pytest
 import zenoh
 
-from common.links.client import change
+from common.links.client import set_links
 from common.links.spec import LinkSpec
 from common.ports import RUN_LIVE, SERVICES, Role
 from common.queries import ALL_QUERIES, query_table
@@ -35,7 +35,7 @@ from common.transport.config import BusConfig
 from common.transport.keys import subscription_of, topic_of
 from deploy.ports import reserve_base_port
 from lab.logs.mark import mark
-from lab.monitor.monitor import Watch
+from lab.monitor.monitor import monitored
 from services.logger.record.config import LoggerConfig
 from services.logger.record.service import LoggerService, Order, record
 from services.sim.rendering.cameras import CameraService
@@ -144,12 +144,12 @@ def test_a_live_bus_uses_only_keys_of_the_tables(tmp_path: Path, uses: set[Use])
             live(ToyPlant(period_ns=5_000_000, every=1), bus),
             live(ToyController(trigger=True), bus),
             running(lambda: record(order, stopped.is_set), stopped.set),
-            Watch(bus) as watch,
+            monitored(bus) as monitor,
         ):
             until(log.exists)
             mark(bus, EpisodeAction.START)
             mark(bus, EpisodeAction.END)
-            change(watch.session, bus.robot, {"plant/state": LinkSpec.parse("5ms")})
+            set_links(monitor.session, bus.robot, {"plant/state": LinkSpec.parse("5ms")})
             until(lambda: used(uses, "declare_querier", "draco3/clock/sim"))
             until(lambda: used(uses, "declare_subscriber", "draco3/heartbeat/sim"))
     assert {use for use in uses if not in_the_tables(use, "draco3")} == set()

@@ -1,23 +1,25 @@
 """The digest names every module that has a part in an episode, and nothing else."""
 
+import platform
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lab.trials.provenance
-from lab.trials.provenance import ROOT, closure, digest, revision
+from lab.trials.provenance import ROOT, closure, digest, environment, revision
 
 WORK = """
 import sys
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.recipe import Recipe
+from lab.demonstrations.collect.config import EpisodeConfig
 import services.sim.physics.plant as plant, dataclasses
 found = plant.find_task
 plant.find_task = lambda name: dataclasses.replace(found(name), limit=0.3)
 for task in ("door/unlock", "bench/hammer"):
-    make_episode(Recipe(task=task, physics_steps=5, eyes=None, keep_failures=True), 0)
+    make_episode(EpisodeConfig(task=task, physics_steps=5, pictures=None, keep_failures=True), 0)
 for name in sorted(sys.modules):
     if name.split(".")[0] in ("common", "services", "lab", "deploy"): print(name)
 """
@@ -76,3 +78,11 @@ def test_no_clone_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path / "inside")
     # Installed below somebody else's clone.
     assert revision.__wrapped__() == ""
+
+
+def test_the_record_of_a_run_names_python_machine_and_packages() -> None:
+    record = environment()
+    assert record["python"] == platform.python_version()
+    assert int(record["cpus"]) >= 1
+    assert record["numpy"] == np.__version__
+    assert record.get("commit", "") == revision()
