@@ -3,12 +3,10 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.servo import Target, motor_target
 from common.robot.joints import JOINTS, NUM_JOINTS
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 _HOLD: Final[dict[str, tuple[float, float]]] = {
     "hip_ie": (500.0, 10.0),

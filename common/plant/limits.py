@@ -7,7 +7,6 @@ the motors' limits, positions to the joints' stops.
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.robot.joints import (
     EFFORT_RELAXED,
@@ -17,8 +16,7 @@ from common.robot.joints import (
     POSITION_UPPER,
     VELOCITY_LIMIT,
 )
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 _SERVO_STEP: Final = 1e-3
 

@@ -8,7 +8,6 @@ limit the limit of one half.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.config import TorqueMode
 from common.robot.joints import (
@@ -19,8 +18,7 @@ from common.robot.joints import (
     POSITION_LOWER,
     POSITION_UPPER,
 )
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 EXTRAPOLATION_LIMIT_NS = 30_000_000
 """Set-points are extrapolated from their stamp for at most this long [ns]."""

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 MJCF_PATH: Final = Path(__file__).with_name("draco3.xml")
 """The robot alone, no floor or light; read by MuJoCo and ``pinocchio.buildModelFromMJCF``."""

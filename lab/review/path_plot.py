@@ -9,9 +9,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from common.robot.pose import Pose2
 from common.schemas import Gait
 from lab.review.film import Film
-from lab.review.scoring import Pose2, planar_pose
+from lab.review.scoring import planar_pose
 
 _PAPER, _GRID, _TEXT = (248, 248, 246), (222, 222, 218), (90, 90, 90)
 _SWAY, _WALKED, _COMMANDED = (176, 196, 222), (20, 80, 170), (214, 96, 30)

@@ -10,12 +10,12 @@ import cv2
 import imageio_ffmpeg
 import numpy as np
 
+from common.robot.pose import Pose2
 from common.schemas import Gait
 from lab.errors import LabError
 from lab.review.film import RATE, Film, Moment, frame_step, moments, picture_at
 from lab.review.frames import Image, Progress, caption, decoded, fitted, write_picture
 from lab.review.path_plot import plot_path
-from lab.review.scoring import Pose2
 from lab.review.task_film import standing_at
 from lab.review.task_sheet import headline, recorded_eye, scene_pictures, task_sheet
 from services.sim.rendering.render import FollowCamera, contact_sheet

@@ -7,39 +7,17 @@ no distance.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan2, cos, degrees, hypot, sin
+from math import cos, degrees, hypot, sin
 from typing import Final
 
+from common.robot.pose import Pose2
+from common.robot.rotations import yaw_from_quaternion
 from common.schemas import Gait, GaitOutcome, GaitReply, GaitRequest, PlantState
 from lab.review.run_summary import GaitRun, Walk
 from services.wbc.config import GaitConfig
 
 FEET_AHEAD_OF_TORSO: Final = 0.0537
 """x of the point between the feet in the torso frame, nominal crouch [m]."""
-
-
-@dataclass(frozen=True)
-class Pose2:
-    """A pose on the floor: x, y [m], yaw [rad]."""
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    def then(self, other: "Pose2") -> "Pose2":
-        """The pose reached from here by the motion ``other``, given in this pose's frame."""
-        c, s = cos(self.yaw), sin(self.yaw)
-        return Pose2(
-            self.x + c * other.x - s * other.y,
-            self.y + s * other.x + c * other.y,
-            wrap(self.yaw + other.yaw),
-        )
-
-    def to(self, other: "Pose2") -> "Pose2":
-        """The motion from here to ``other``, in this pose's frame: forward, left, turn."""
-        c, s = cos(self.yaw), sin(self.yaw)
-        dx, dy = other.x - self.x, other.y - self.y
-        return Pose2(c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw))
 
 
 def commanded_motions(config: GaitConfig) -> dict[Gait, Pose2]:
@@ -54,15 +32,9 @@ def commanded_motions(config: GaitConfig) -> dict[Gait, Pose2]:
     }
 
 
-def wrap(angle: float) -> float:
-    """``angle`` [rad] brought to (-pi, pi]."""
-    return atan2(sin(angle), cos(angle))
-
-
 def planar_pose(truth: PlantState) -> Pose2:
     """Pose on the floor of the point between the (nominal) feet, heading from the torso's yaw."""
-    w, x, y, z = (float(value) for value in truth.base_quaternion)
-    yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw = yaw_from_quaternion(truth.base_quaternion)
     return Pose2(
         float(truth.base_position[0]) + FEET_AHEAD_OF_TORSO * cos(yaw),
         float(truth.base_position[1]) + FEET_AHEAD_OF_TORSO * sin(yaw),

@@ -7,6 +7,7 @@ environment and the logger's own drop counts are handed in.
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from common.robot.pose import Pose2
 from common.schemas import (
     ControllerState,
     Gait,
@@ -23,7 +24,7 @@ from common.schemas import (
 from common.topics import PLANT_TRUTH, Topic
 from deploy.launch import Outcome
 from lab.review.run_summary import GaitRun, GaitTally, RunSummary
-from lab.review.scoring import GaitLedger, Pose2, Track, commanded_motions
+from lab.review.scoring import GaitLedger, Track, commanded_motions
 from lab.review.summary_readers import (
     LogFindings,
     PlantReader,

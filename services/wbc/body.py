@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.rotations import matrix_from_yaw
 from services.wbc.swing import PoseReference
 
 UNLOADED = 1e-3

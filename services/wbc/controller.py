@@ -8,6 +8,7 @@ from time import perf_counter
 import numpy as np
 
 from common.robot import joints
+from common.robot.rotations import matrix_from_quaternion, rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.body import BodyReference
@@ -17,7 +18,6 @@ from services.wbc.hands import HandReference
 from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
 from services.wbc.robot_model import NV, Dynamics, FrameKinematics, RobotModel, RobotState
-from services.wbc.rotations import matrix_from_quaternion, rotation_vector
 from services.wbc.solvers import Solution, make_solver
 from services.wbc.swing import PoseReference
 from services.wbc.tasks import (
@@ -185,7 +185,7 @@ class Controller:
         angular = rotation @ dynamics.base_twist[3:]
         desired = (
             reference.acceleration[3:]
-            + tasks.torso.kp * rotation_vector(reference.rotation.dot(rotation.T))
+            + tasks.torso.kp * rotation_vector_from_matrix(reference.rotation.dot(rotation.T))
             + tasks.torso.kd * (reference.velocity[3:] - angular)
         )
         self.stack.jacobian[TORSO, 3:6] = rotation
@@ -272,7 +272,7 @@ class Controller:
         for hand, kinematics in zip(self.hands, hands, strict=True):
             position, rotation = hand.target
             offset = position - kinematics.position
-            turn = rotation_vector(rotation.dot(kinematics.rotation.T))
+            turn = rotation_vector_from_matrix(rotation.dot(kinematics.rotation.T))
             errors.append((hypot(*offset.tolist()), hypot(*turn.tolist())))
         return TickReport(
             stages,

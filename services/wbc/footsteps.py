@@ -5,10 +5,10 @@ from typing import Literal
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle
 from common.schemas import Gait
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import GaitConfig
-from services.wbc.rotations import matrix_from_yaw, wrap_angle
 
 Side = Literal[0, 1]
 """0 left, 1 right."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.robot.rotations import wrap_angle
 from common.schemas import ControlState, Gait
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import GaitConfig
@@ -16,7 +17,6 @@ from services.wbc.footsteps import (
     plan_footsteps,
     stance_between,
 )
-from services.wbc.rotations import wrap_angle
 from services.wbc.swing import minimum_jerk
 
 _START = (ControlState.LF_CONTACT_TRANSITION_START, ControlState.RF_CONTACT_TRANSITION_START)

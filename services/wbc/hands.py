@@ -10,10 +10,10 @@ set-points cease, the reference comes to rest at the last one and holds.
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import HandConfig
 from services.wbc.operator_motion import OperatorMotion
-from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
 from services.wbc.swing import PoseReference
 
 
@@ -118,7 +118,7 @@ class HandReference:
         end = clamp_workspace(position + rate[:3] * period, self._side, config)
         rate = rate.copy()
         rate[:3] = (end - position) / period
-        turn = rotation_vector(rotation @ now.rotation.T) + rate[3:] * period
+        turn = rotation_vector_from_matrix(rotation @ now.rotation.T) + rate[3:] * period
         distance = float(np.linalg.norm(end - now.position))
         angle = float(np.linalg.norm(turn))
         # A cubic from rest to rest peaks at 1.5 times its mean speed.

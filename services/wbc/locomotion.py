@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle, yaw_from_matrix
 from common.schemas import ControlState, Gait, GaitOutcome
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.body import BodyReference, SwingPair, force_limits, heading
@@ -12,7 +13,6 @@ from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Footprint, Side, Stance, stance_between
 from services.wbc.gait_plan import GaitPlan, Phase, plan_gait
 from services.wbc.robot_model import Dynamics
-from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
 from services.wbc.swing import PoseReference, SwingTrajectory
 from services.wbc.takeover import Takeover
 
@@ -118,7 +118,7 @@ class Locomotion:
                 estimate.reset()
                 continue
             foot = dynamics.feet[side]
-            estimate.update(foot.position, yaw_of(foot.rotation))
+            estimate.update(foot.position, yaw_from_matrix(foot.rotation))
 
     def _swinging_side(self) -> Side:
         return 0 if self.state is ControlState.LF_SWING else 1

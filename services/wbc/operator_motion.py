@@ -9,15 +9,13 @@ so that steady motion is followed without lag.
 
 import numpy as np
 
+from common.robot.rotations import (
+    clamp_norm,
+    matrix_from_rotation_vector,
+    rotation_vector_from_matrix,
+)
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import HandConfig
-from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
-
-
-def clamp_norm(vector: Array, limit: float) -> Array:
-    """``vector`` shortened to ``limit`` if it is longer."""
-    norm = _norm(vector)
-    return vector if norm <= limit else vector * (limit / norm)
 
 
 def _gain(surprise: float, speed: float, config: HandConfig) -> float:
@@ -56,7 +54,7 @@ class OperatorMotion:
         config = self._config
         expected = self.position + self.rate[:3] * elapsed
         turned = matrix_from_rotation_vector(self.rate[3:] * elapsed).dot(self.rotation)
-        shift, turn = position - expected, rotation_vector(rotation.dot(turned.T))
+        shift, turn = position - expected, rotation_vector_from_matrix(rotation.dot(turned.T))
         gain = _gain(
             _norm(shift) / config.tremor, _norm(self.rate[:3]) / config.movement_speed, config
         )

@@ -15,10 +15,10 @@ import numpy as np
 import pinocchio as pin
 
 from common.robot import frames, joints
+from common.robot.rotations import matrix_from_quaternion
 from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
-from services.wbc.rotations import matrix_from_quaternion
 
 NUM_MOTORS = joints.NUM_MOTORS
 NV = 6 + NUM_MOTORS

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
 
 
 class PoseReference(NamedTuple):
@@ -58,7 +58,7 @@ class SwingTrajectory:
     @cached_property
     def _change(self) -> Array:
         """(6,) displacement and turn; the axis is fixed, so the rate is the axis angle's rate."""
-        turn = rotation_vector(self.end_rotation @ self.start_rotation.T)
+        turn = rotation_vector_from_matrix(self.end_rotation @ self.start_rotation.T)
         return np.concatenate((self.end - self.start, turn))
 
     def _height_at(self, time: float) -> tuple[float, float, float]:

@@ -8,6 +8,7 @@ move between the feet.
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle, yaw_from_matrix
 from common.schemas import ControlState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.body import BodyReference, SwingPair, force_limits, heading
@@ -15,7 +16,6 @@ from services.wbc.config import WbcConfig
 from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Side, Stance
 from services.wbc.robot_model import Dynamics, FrameKinematics
-from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
 from services.wbc.swing import SwingTrajectory, minimum_jerk
 
 RAISED = 0.015
@@ -52,7 +52,7 @@ class Takeover:
         self._start = time
         self._com = dynamics.com_position.copy()
         self._begin: Array | None = None
-        self._yaw = yaw_of(dynamics.base_rotation)
+        self._yaw = yaw_from_matrix(dynamics.base_rotation)
         left, right = (float(foot.position[2]) for foot in dynamics.feet)
         self.raised: Side | None = None
         self._landing = 0.0
@@ -72,7 +72,7 @@ class Takeover:
             self._shift, lower = 0.0, URGENT_LOWER_TIME
             self._over_foot = self._com
         self._landing = self._shift + lower
-        level = matrix_from_yaw(yaw_of(foot.rotation))
+        level = matrix_from_yaw(yaw_from_matrix(foot.rotation))
         ground = np.array([*foot.position[:2], other.position[2]])
         self._lowering = SwingTrajectory(
             foot.position.copy(), foot.rotation.copy(), ground, level, 0.0, lower

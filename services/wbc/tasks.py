@@ -7,10 +7,10 @@ Desired accelerations are PD laws around a reference with feed-forward (Seo et a
 import numpy as np
 
 from common.robot import joints
+from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import Gains, TaskConfig
 from services.wbc.robot_model import NV, FrameKinematics
-from services.wbc.rotations import rotation_vector
 from services.wbc.swing import PoseReference
 
 COM = slice(0, 3)
@@ -35,7 +35,7 @@ def pose_acceleration(
     """Desired acceleration (6,), linear then angular, that pulls a frame to a moving pose."""
     error = np.empty(6)
     error[:3] = reference.position - kinematics.position
-    error[3:] = rotation_vector(reference.rotation.dot(kinematics.rotation.T))
+    error[3:] = rotation_vector_from_matrix(reference.rotation.dot(kinematics.rotation.T))
     result: Array = kp * error
     result += kd * (reference.velocity - kinematics.velocity)
     result += reference.acceleration

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 
 class Contact(NamedTuple):

@@ -3,11 +3,9 @@
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.robot.joints import GRIPPER_CLOSE_COMMAND, GRIPPER_STROKE
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 SQUEEZE_FROM: Final = 0.9
 """From this closure on the command runs ahead of the jaw, up to the full grip force at 1."""

@@ -6,7 +6,6 @@ from collections import deque
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.config import PHYSICS_STEP_NS
 from common.plant.fallback import damp_target, hold_target
@@ -14,6 +13,7 @@ from common.plant.guard import Guard
 from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
 from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
+from common.schemas.arrays import Float64Array as Array
 from services.sim.config import NoiseConfig, SimConfig
 from services.sim.errors import PlantDivergedError, TaskError
 from services.sim.model.contacts import Contact, contact_list, foot_normal_forces
@@ -23,8 +23,6 @@ from services.sim.physics.noise import add_noise
 from services.sim.physics.stance import standing_qpos, standing_torque
 from services.sim.tasks import find_task
 from services.sim.tasks.trial import SceneView, Trial
-
-Array = NDArray[np.float64]
 
 START_NS = 1_000_000_000
 """Robot time of the first state; positive, so that a stamp of 0 never is a measurement."""

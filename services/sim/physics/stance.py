@@ -4,7 +4,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.servo import JOINT_TO_MOTOR
 from common.robot.frames import BASE_JOINT, FOOT_FRAMES
@@ -15,10 +14,9 @@ from common.robot.joints import (
     MOTOR_TO_JOINT,
     NOMINAL_POSITION,
 )
+from common.schemas.arrays import Float64Array as Array
 from services.sim.errors import StandError
 from services.sim.model.world import Addresses
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-6
 _ITERATIONS = 30

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from common.robot.pose import Pose
 from services.sim.config import NoiseConfig
-
-Array = NDArray[np.float64]
 
 
 class Touch(NamedTuple):
@@ -40,50 +38,15 @@ class Pair(NamedTuple):
         return f"{self.part} on {self.thing}"
 
 
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where something is in the world, and how fast.
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyState(Pose):
+    """Pose of a body in the world, and its speed.
 
     Attributes:
-        position: (3,) [m].
-        quaternion: (4,) to world (w, x, y, z).
-        speed: of its origin [m/s].
+        speed: of the body's origin [m/s].
     """
 
-    position: Array
-    quaternion: Array
     speed: float = 0.0
-
-    @property
-    def yaw(self) -> float:
-        """Heading [rad]."""
-        w, x, y, z = self.quaternion.tolist()
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-    @property
-    def up(self) -> float:
-        """Cosine of the angle between its z axis and the vertical."""
-        x, y = float(self.quaternion[1]), float(self.quaternion[2])
-        return 1.0 - 2.0 * (x * x + y * y)
-
-    def local(self, point: Array) -> Array:
-        """(3,) the world's ``point`` in this frame [m]."""
-        w, x, y, z = self.quaternion.tolist()
-        a, b, c = (point - self.position).tolist()
-        # Twice the vector part of the inverse rotation times the offset; numpy's cross is slow.
-        p, q, r = 2.0 * (z * b - y * c), 2.0 * (x * c - z * a), 2.0 * (y * a - x * b)
-        return np.array(
-            [
-                a + w * p + z * q - y * r,
-                b + w * q + x * r - z * p,
-                c + w * r + y * p - x * q,
-            ]
-        )
-
-
-def flat_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
-    """A pose that is level [m, rad]."""
-    return Pose(np.array([x, y, z]), np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,11 +64,11 @@ class Snapshot:
     """
 
     time: float
-    robot: Pose
+    robot: BodyState
     loads: tuple[float, float]
     fallen: bool
     joints: Mapping[str, float] = field(default_factory=dict)
-    objects: Mapping[str, Pose] = field(default_factory=dict)
+    objects: Mapping[str, BodyState] = field(default_factory=dict)
     touches: Mapping[Touch, float] = field(default_factory=dict)
 
     @property

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from common.robot.pose import Pose
+from common.robot.rotations import wrap_angle
 from services.sim.scenes.bench import HAMMER_JOINT, HAMMER_REST, HANGER, PUSH_GOAL, PUSH_LANE
 from services.sim.scenes.cart import BAR_OFFSET, CART_JOINTS, TRAY_HALF, TRAY_HEIGHT
 from services.sim.tasks.base import (
@@ -13,7 +15,6 @@ from services.sim.tasks.base import (
     Stage,
     Start,
     Task,
-    flat_pose,
     free_joint,
     normal,
     pairs,
@@ -30,11 +31,6 @@ PUSH_START = (REACH + BAR_OFFSET, PUSH_LANE)
 def cart_at(x: float, y: float, yaw: float) -> dict[str, tuple[float, ...]]:
     """``qpos`` of the trolley's joints [m, rad]."""
     return {name: (value,) for name, value in zip(CART_JOINTS, (x, y, yaw), strict=True)}
-
-
-def turn(angle: float) -> float:
-    """The same angle within ±pi [rad]."""
-    return math.remainder(angle, math.tau)
 
 
 WALK_GOAL = (-0.08, PUSH_LANE)
@@ -75,7 +71,7 @@ WALK = Task(
         Stage("near the trolley", lambda now: _walk_distance(now) < 0.3, counts=True),
         Stage("standing at the trolley", _walk_there, hold=0.5),
     ),
-    marks={"goal": flat_pose(*WALK_GOAL)},
+    marks={"goal": Pose.upright(*WALK_GOAL)},
     objects=("cart", "cart_bar"),
     joints=JOINTS,
     origin="never published; spread of the public door/walk, tolerance that 20 of 20 walks of 1 m "
@@ -146,7 +142,7 @@ HAMMER = Task(
         ),
     ),
     desired=pairs(HAND, "hammer"),
-    marks={"goal": flat_pose(*HAMMER_CART_PLACE, TRAY_HEIGHT)},
+    marks={"goal": Pose.upright(*HAMMER_CART_PLACE, TRAY_HEIGHT)},
     objects=("hammer", "hammer_grip", "cart", "cart_tray"),
     joints=JOINTS,
     origin="never published; places and spread of the prototype (11 of 12)",
@@ -170,7 +166,7 @@ def _push_start(rng: np.random.Generator) -> Start:
 def _push_offset(now: Snapshot) -> tuple[float, float, float]:
     """The trolley's place and heading from the goal [m, m, rad]."""
     x, y, yaw = (now.joints[name] for name in JOINTS)
-    return x - PUSH_GOAL[0], y - PUSH_GOAL[1], turn(yaw)
+    return x - PUSH_GOAL[0], y - PUSH_GOAL[1], wrap_angle(yaw)
 
 
 def _push_at_goal(now: Snapshot) -> bool:
@@ -203,7 +199,7 @@ PUSH = Task(
     ),
     wrongs=(FailureCondition("the trolley left its lane", _push_lost, hold=0.2),),
     desired=pairs((*HAND, "wrist"), "cart bar"),
-    marks={"goal": flat_pose(*PUSH_GOAL)},
+    marks={"goal": Pose.upright(*PUSH_GOAL)},
     objects=("cart", "cart_bar"),
     joints=JOINTS,
     origin="never published; distance, tolerance and spread of the prototype (8 of 8)",

@@ -4,15 +4,14 @@ import math
 
 import numpy as np
 
+from common.robot.pose import Pose
 from services.sim.scenes.door import LATCH_RATIO, LATCH_REACH
 from services.sim.tasks.base import (
     HAND,
-    Pose,
     Snapshot,
     Stage,
     Start,
     Task,
-    flat_pose,
     normal,
     pairs,
 )
@@ -25,7 +24,7 @@ PUBLIC_GOAL = (0.1, 0.0)
 
 def door_marks(x: float, y: float) -> dict[str, Pose]:
     """The goal of the torso's ground point."""
-    return {"goal": flat_pose(x, y)}
+    return {"goal": Pose.upright(x, y)}
 
 
 def hinge(snapshot: Snapshot) -> float:

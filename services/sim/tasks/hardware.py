@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from common.robot.pose import Pose
 from services.sim.config import TYPICAL_NOISE
 from services.sim.scenes.cap import CAN_HEIGHT, CAN_JOINT, CAN_PLACE, CAN_REST, CAP_JOINT
 from services.sim.scenes.furniture import TABLE_TOP
@@ -20,7 +21,6 @@ from services.sim.tasks.base import (
     Stage,
     Start,
     Task,
-    flat_pose,
     free_joint,
     pairs,
     spread,
@@ -87,7 +87,7 @@ TOOL = Task(
     ),
     wrongs=(FailureCondition("tool or box fell to the floor", _tool_fell),),
     desired=pairs(HAND, "tool"),
-    marks={"goal": flat_pose(*BOX_PLACE, TABLE_TOP)},
+    marks={"goal": Pose.upright(*BOX_PLACE, TABLE_TOP)},
     objects=("tool", "tool_grip", "box"),
     noise=NOISE,
     link=LINK,
@@ -153,7 +153,7 @@ CAP = Task(
         FailureCondition("the can fell to the floor", lambda now: now.touched("floor", "can")),
     ),
     desired=pairs(HAND, "can", "cap"),
-    marks={"goal": flat_pose(*CAN_PLACE, CAN_REST)},
+    marks={"goal": Pose.upright(*CAN_PLACE, CAN_REST)},
     objects=("can", "can_grip", "cap", "cap_grip"),
     noise=NOISE,
     link=LINK,

@@ -1,11 +1,12 @@
 """A task in the physics: places its start, watches the scene, feeds the judge, reports."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from common.robot.pose import Pose
 from common.schemas import (
     Header,
     SceneJoint,
@@ -18,7 +19,7 @@ from common.schemas import (
 from services.sim.errors import TaskError
 from services.sim.model.contacts import foot_normal_forces
 from services.sim.model.world import Addresses
-from services.sim.tasks.base import Pose, Snapshot, Task
+from services.sim.tasks.base import BodyState, Snapshot, Task
 from services.sim.tasks.judge import Judge
 from services.sim.tasks.touch import TouchSensor
 
@@ -50,16 +51,16 @@ class SceneView:
         """Whether the scene has anything that moves."""
         return bool(self._qpos.size)
 
-    def robot(self) -> Pose:
+    def robot(self) -> BodyState:
         """The torso."""
         qpos, qvel = self._data.qpos, self._data.qvel
-        return Pose(qpos[:3].copy(), qpos[3:7].copy(), float(np.linalg.norm(qvel[:3])))
+        return BodyState(qpos[:3].copy(), qpos[3:7].copy(), float(np.linalg.norm(qvel[:3])))
 
-    def objects(self) -> dict[str, Pose]:
+    def objects(self) -> dict[str, BodyState]:
         """Watched bodies and sites."""
         return {name: read() for name, read in self._objects.items()}
 
-    def bodies(self) -> dict[str, Pose]:
+    def bodies(self) -> dict[str, BodyState]:
         """Watched bodies: all that a judge needs."""
         return {name: read() for name, read in self._bodies.items()}
 
@@ -76,39 +77,39 @@ class SceneView:
             task=task.name if task else "",
             objects=_poses(self.objects()),
             joints=[SceneJoint(name=n, position=v) for n, v in self.joints().items()],
-            marks=_poses(dict(task.marks)) if task else [],
+            marks=_poses(task.marks) if task else [],
             qpos=self._qpos.tolist(),
             reset_count=reset_count,
         )
 
 
-def _poses(poses: dict[str, Pose]) -> list[ScenePose]:
+def _poses(poses: Mapping[str, Pose]) -> list[ScenePose]:
     return [
         ScenePose(name=name, position=pose.position, quaternion=pose.quaternion)
         for name, pose in poses.items()
     ]
 
 
-def _locate(model: Any, data: Any, name: str) -> Callable[[], Pose]:
+def _locate(model: Any, data: Any, name: str) -> Callable[[], BodyState]:
     """How to read the pose of the body or site ``name``."""
     velocity = np.zeros(6)
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY.value, name)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE.value, name)
     if body >= 0:
 
-        def read_body() -> Pose:
+        def read_body() -> BodyState:
             kind = mujoco.mjtObj.mjOBJ_XBODY.value
             mujoco.mj_objectVelocity(model, data, kind, body, velocity, 0)
             speed = float(np.linalg.norm(velocity[3:]))
-            return Pose(data.xpos[body].copy(), data.xquat[body].copy(), speed)
+            return BodyState(data.xpos[body].copy(), data.xquat[body].copy(), speed)
 
         return read_body
     if site >= 0:
 
-        def read_site() -> Pose:
+        def read_site() -> BodyState:
             quaternion = np.zeros(4)
             mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
-            return Pose(data.site_xpos[site].copy(), quaternion)
+            return BodyState(data.site_xpos[site].copy(), quaternion)
 
         return read_site
     raise TaskError(f"expected a body or site called {name!r} in the task's scene, there is none")

@@ -16,14 +16,15 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from common.robot.joints import JOINTS, NECK
 from common.robot.rotations import (
-    Array,
-    from_rotation_vector,
     multiply,
     normalised,
-    rotation_vector,
-    to_rpy,
+    quaternion_from_rotation_vector,
+    rotate_about_z,
+    rotation_between,
+    rpy_from_quaternion,
 )
 from common.schemas import DeviceInput, Gait, GaitRequest, HandController, Header, Setpoint
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.targets.hand import HandTarget, TargetLimits, home_pose
 
 
@@ -105,13 +106,6 @@ def head_yaw(quaternion: Array) -> float:
     return math.atan2(sign * up[1], sign * up[0])
 
 
-def turned_by_yaw(vector: Array, yaw: float) -> Array:
-    """``vector`` (3,) turned about z by ``yaw`` [rad]."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    x, y, z = vector.tolist()
-    return np.array([c * x - s * y, s * x + c * y, z])
-
-
 class HandMapper:
     """One hand's clutch, target and gripper.
 
@@ -167,11 +161,11 @@ class HandMapper:
 
     def _follow(self, snapshot: _Snapshot, controller: HandController) -> None:
         moved = controller.position - snapshot.controller_position
-        position = snapshot.target_position + self._config.scale * turned_by_yaw(
+        position = snapshot.target_position + self._config.scale * rotate_about_z(
             moved, -snapshot.yaw
         )
-        turn = rotation_vector(snapshot.controller_quaternion, controller.quaternion)
-        delta = from_rotation_vector(turned_by_yaw(turn, -snapshot.yaw))
+        turn = rotation_between(snapshot.controller_quaternion, controller.quaternion)
+        delta = quaternion_from_rotation_vector(rotate_about_z(turn, -snapshot.yaw))
         quaternion = normalised(multiply(delta, snapshot.target_quaternion))
         self.target.place(position, quaternion)
 
@@ -223,7 +217,7 @@ class HeadsetMapper:
         self.hands["left"].take(device.left, yaw)
         self.hands["right"].take(device.right, yaw)
         if device.head_tracked and self.config.head_moves_neck:
-            _, pitch, _ = to_rpy(device.head_quaternion)
+            _, pitch, _ = rpy_from_quaternion(device.head_quaternion)
             neck = JOINTS[NECK.start]
             self.neck = min(max(pitch, neck.lower), neck.upper)
         return self._gaits(device)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.robot.rotations import Array
 from common.runtime.service import Output
 from common.schemas import (
     Estop,
@@ -20,6 +19,7 @@ from common.schemas import (
     PlantAction,
     PlantRequest,
 )
+from common.schemas.arrays import Float64Array as Array
 from common.topics import ESTOP, PLANT_REQUEST, TELEOP_GAIT
 from services.teleop.keyboard.keymap import (
     BY_KEY,

@@ -11,7 +11,8 @@ from math import pi, sin
 
 import numpy as np
 
-from common.robot.rotations import Array, rotate, rotation_vector
+from common.robot.rotations import rotate, rotation_between
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.scripted.gaits import GaitClient
 from services.teleop.scripted.script import (
     Grip,
@@ -124,7 +125,7 @@ class _Path:
         self.rotation = (
             np.zeros(3)
             if quaternion is None
-            else rotation_vector(self.start_quaternion, quaternion)
+            else rotation_between(self.start_quaternion, quaternion)
         )
 
     def shortest(self) -> float:

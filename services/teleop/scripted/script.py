@@ -27,8 +27,8 @@ from pydantic import (
 )
 
 from common.errors import ConfigError, explain
-from common.robot.rotations import Array
 from common.schemas import Gait
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.targets.hand import TargetLimits, hand_quaternion
 
 Side = Literal["left", "right"]

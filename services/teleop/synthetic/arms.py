@@ -8,7 +8,8 @@ import numpy as np
 
 from common.robot.frames import BODY_FRAME, HAND_FRAMES
 from common.robot.joints import JOINT_INDEX, MJCF_PATH
-from common.robot.rotations import Array, from_rotation_vector, multiply
+from common.robot.rotations import multiply, quaternion_from_rotation_vector, rotate_vector
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.errors import TeleopError
 
 
@@ -20,21 +21,6 @@ class _Link:
     quaternion: Array
     axis: Array
     joint: int
-
-
-def rotate_vector(quaternion: Array, vector: Array) -> Array:
-    """``vector`` (3,) turned by a unit quaternion (4,)."""
-    # In plain numbers: for three of them numpy's cross product takes forty times as long.
-    w, x, y, z = quaternion.tolist()
-    a, b, c = vector.tolist()
-    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.array(
-        [
-            a + w * p + (y * r - z * q),
-            b + w * q + (z * p - x * r),
-            c + w * r + (x * q - y * p),
-        ]
-    )
 
 
 def _numbers(element: ET.Element, name: str, default: str) -> Array:
@@ -88,6 +74,6 @@ def hand_in_body(side: str, joints: Array) -> tuple[Array, Array]:
         position = position + rotate_vector(quaternion, link.position)
         quaternion = multiply(quaternion, link.quaternion)
         if link.joint >= 0:
-            turn = from_rotation_vector(float(joints[link.joint]) * link.axis)
+            turn = quaternion_from_rotation_vector(float(joints[link.joint]) * link.axis)
             quaternion = multiply(quaternion, turn)
     return position, quaternion

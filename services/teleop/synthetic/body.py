@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 
 import numpy as np
 
-from common.robot.rotations import from_rpy
+from common.robot.rotations import quaternion_from_rpy
 from common.schemas import DeviceInput, Header
 from services.teleop.errors import TeleopError
 from services.teleop.headset.mapping import Button
@@ -94,7 +94,7 @@ class Body:
             header=Header(stamp=self.sight.stamp),
             device="synthetic",
             head_position=np.array([0.0, 0.0, 1.65]) + self._head_sway.at(time),
-            head_quaternion=from_rpy(roll, self._head_pitch + pitch, self.facing + yaw),
+            head_quaternion=quaternion_from_rpy(roll, self._head_pitch + pitch, self.facing + yaw),
             head_tracked=True,
             left=limbs["left"],
             right=limbs["right"],

@@ -11,9 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from common.robot.rotations import Array, rotate, rotation_vector
+from common.robot.pose import Pose
+from common.robot.rotations import rotate, rotation_between
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.synthetic.body import Act, Body, Sign
-from services.teleop.synthetic.sight import Pose, Sight
+from services.teleop.synthetic.sight import Sight
 from services.teleop.synthetic.traits import OperatorTraits
 from services.teleop.targets.hand import SIDES
 
@@ -80,7 +82,7 @@ class Hands(Body):
     def expected(self, side: str) -> Pose:
         """Where the robot's hand should be by now, in the body frame."""
         anchor, limb = self._anchors[side], self.limbs[side]
-        turn = rotation_vector(anchor.quaternion, limb.quaternion)
+        turn = rotation_between(anchor.quaternion, limb.quaternion)
         return Pose(
             anchor.seen.position + limb.position - anchor.position,
             rotate(anchor.seen.quaternion, turn),
@@ -124,7 +126,7 @@ class Hands(Body):
                 return True
             seen, target = self.sight.hands[side], goal(self.sight)
             off = float(np.linalg.norm(target.position - seen.position))
-            turned = float(np.linalg.norm(rotation_vector(seen.quaternion, target.quaternion)))
+            turned = float(np.linalg.norm(rotation_between(seen.quaternion, target.quaternion)))
             if off < tolerance and turned < angle:
                 return True
             if attempt < corrections:
@@ -134,7 +136,7 @@ class Hands(Body):
     def _aim(self, side: str, target: Pose, speed: float, longest: float) -> None:
         traits, limb, here = self.traits, self.limbs[side], self.expected(side)
         shift = target.position - here.position
-        turn = rotation_vector(here.quaternion, target.quaternion)
+        turn = rotation_between(here.quaternion, target.quaternion)
         distance, angle = float(np.linalg.norm(shift)), float(np.linalg.norm(turn))
         if distance > longest:
             shift, distance = shift * (longest / distance), longest
@@ -175,7 +177,7 @@ class Hands(Body):
             calm = calm + self.dt if self.hand_speed(side) < self.traits.still else 0.0
             seen, expected = self.sight.hands[side], self.expected(side)
             off = float(np.linalg.norm(expected.position - seen.position))
-            turned = float(np.linalg.norm(rotation_vector(seen.quaternion, expected.quaternion)))
+            turned = float(np.linalg.norm(rotation_between(seen.quaternion, expected.quaternion)))
             agrees = off < self.traits.agreement and turned < self.traits.agreement_angle
             if agrees and calm >= 2.0 * self.dt:
                 break

@@ -5,14 +5,14 @@ import math
 import numpy as np
 
 from common.robot.rotations import (
-    Array,
-    from_rotation_vector,
     multiply,
+    quaternion_from_rotation_vector,
     rotate,
-    rotation_vector,
+    rotate_about_z,
+    rotation_between,
 )
 from common.schemas import HandController
-from services.teleop.headset.mapping import turned_by_yaw
+from common.schemas.arrays import Float64Array as Array
 
 TREMOR_BAND = (0.8, 9.0)
 """Frequencies of the tremor [Hz]; below the Nyquist frequency of 20 Hz samples."""
@@ -57,7 +57,7 @@ class Limb:
         sign = 1.0 if side == "left" else -1.0
         self.side = side
         self.position = np.array([0.36, 0.22 * sign, 1.12]) + rng.normal(0.0, 0.02, 3)
-        self.quaternion = from_rotation_vector(rng.normal(0.0, 0.1, 3))
+        self.quaternion = quaternion_from_rotation_vector(rng.normal(0.0, 0.1, 3))
         self.trigger = 0.0
         self.squeeze = 0.0
         self._goal_trigger = 0.0
@@ -113,12 +113,12 @@ class Limb:
     def controller(self, time: float, facing: float) -> HandController:
         """What the device reports; ``facing``: the person's heading in the room [rad]."""
         position = self.position + self._shake.at(time)
-        turned = multiply(from_rotation_vector(self._shiver.at(time)), self.quaternion)
-        about = rotation_vector(np.array([1.0, 0.0, 0.0, 0.0]), turned)
+        turned = multiply(quaternion_from_rotation_vector(self._shiver.at(time)), self.quaternion)
+        about = rotation_between(np.array([1.0, 0.0, 0.0, 0.0]), turned)
         # The device's axes are the room's: a turn about the person's axes, seen from there.
         return HandController(
-            position=turned_by_yaw(position, facing),
-            quaternion=from_rotation_vector(turned_by_yaw(about, facing)),
+            position=rotate_about_z(position, facing),
+            quaternion=quaternion_from_rotation_vector(rotate_about_z(about, facing)),
             tracked=True,
             trigger=min(max(self.trigger, 0.0), 1.0),
             squeeze=self.squeeze,

@@ -5,46 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.robot.rotations import Array, multiply, normalised, to_rpy
+from common.robot.pose import Pose
+from common.robot.rotations import normalised
 from common.schemas import ControllerState, ControlState, PlantState, SceneState
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.errors import TeleopError
-from services.teleop.synthetic.arms import hand_in_body, rotate_vector
+from services.teleop.synthetic.arms import hand_in_body
 from services.teleop.targets.hand import SIDES, hand_quaternion
 
 SMOOTHING = 0.5
 """Share of a new picture in what the operator takes for the torso's place."""
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Position (3,) [m] and quaternion (4,) (w, x, y, z)."""
-
-    position: Array
-    quaternion: Array
-
-    def place(self, point: Array) -> Array:
-        """A point (3,) of this frame in the frame the pose is given in."""
-        return self.position + rotate_vector(self.quaternion, point)
-
-    def local(self, point: Array) -> Array:
-        """A point (3,) of the outer frame in this one."""
-        inside: Array = rotate_vector(_inverse(self.quaternion), point - self.position)
-        return inside
-
-    def local_pose(self, pose: "Pose") -> "Pose":
-        """A pose of the outer frame in this one."""
-        turned = multiply(_inverse(self.quaternion), pose.quaternion)
-        return Pose(self.local(pose.position), turned)
-
-    @property
-    def yaw(self) -> float:
-        """Heading [rad]."""
-        return to_rpy(self.quaternion)[2]
-
-
-def _inverse(quaternion: Array) -> Array:
-    inverse: Array = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-    return inverse
 
 
 def hand_pose(
@@ -107,7 +77,7 @@ class Sight:
 
     def hand_in_world(self, side: str) -> Array:
         """Where a hand is (3,) [m]."""
-        return self.torso.place(self.hands[side].position)
+        return self.torso.apply(self.hands[side].position)
 
 
 class Eyes:

@@ -13,7 +13,16 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from common.robot.frames import BASE_COM_HEIGHT, FORWARD_HAND_IN_BODY, NOMINAL_HAND_IN_BODY
 from common.robot.joints import JOINTS, NECK
-from common.robot.rotations import Array, from_rpy, multiply, rotate, rotation_vector, to_rpy
+from common.robot.rotations import (
+    clamp_norm,
+    conjugate,
+    multiply,
+    quaternion_from_rpy,
+    rotate,
+    rotation_between,
+    rpy_from_quaternion,
+)
+from common.schemas.arrays import Float64Array as Array
 
 SIDES: Final = ("left", "right")
 FORWARD_HAND: Final = np.array(FORWARD_HAND_IN_BODY)
@@ -63,12 +72,12 @@ class TargetLimits(BaseModel):
 
 def hand_quaternion(roll: float, pitch: float, yaw: float) -> Array:
     """Orientation (4,) of a forward-pointing hand turned about the body axes [rad]."""
-    return multiply(from_rpy(roll, pitch, yaw), FORWARD_HAND)
+    return multiply(quaternion_from_rpy(roll, pitch, yaw), FORWARD_HAND)
 
 
 def hand_rpy(quaternion: Array) -> tuple[float, float, float]:
     """Roll, pitch, yaw [rad] by which a hand is turned from pointing straight ahead."""
-    return to_rpy(multiply(quaternion, FORWARD_HAND * np.array([1.0, -1.0, -1.0, -1.0])))
+    return rpy_from_quaternion(multiply(quaternion, conjugate(FORWARD_HAND)))
 
 
 def home_pose(side: str) -> tuple[Array, Array]:
@@ -79,14 +88,9 @@ def home_pose(side: str) -> tuple[Array, Array]:
 
 def _pursue(error: Array, velocity: Array, speed: float, change: float, settling: float) -> Array:
     """Next velocity towards a goal ``error`` away, within ``speed`` and ``change`` of velocity."""
-    return _shortened(
-        velocity + _shortened(_shortened(error / settling, speed) - velocity, change), speed
+    return clamp_norm(
+        velocity + clamp_norm(clamp_norm(error / settling, speed) - velocity, change), speed
     )
-
-
-def _shortened(vector: Array, longest: float) -> Array:
-    norm = float(np.linalg.norm(vector))
-    return vector if norm <= longest else vector * (longest / norm)
 
 
 @dataclass
@@ -134,17 +138,17 @@ class HandTarget:
         ahead = max(
             self.limits.lead_distance, float(np.linalg.norm(self.goal_position - self.position))
         )
-        goal = self.position + _shortened(lead, ahead)
+        goal = self.position + clamp_norm(lead, ahead)
         self.goal_position = self.limits.clamp(self.side, goal)
 
     def turn(self, rotation: Array) -> None:
         """Turn the goal by ``rotation`` (3,) [rad] about body axes; ``lead_angle`` at most."""
         ahead = max(
             self.limits.lead_angle,
-            float(np.linalg.norm(rotation_vector(self.quaternion, self.goal_quaternion))),
+            float(np.linalg.norm(rotation_between(self.quaternion, self.goal_quaternion))),
         )
-        lead = rotation_vector(self.quaternion, rotate(self.goal_quaternion, rotation))
-        self.goal_quaternion = rotate(self.quaternion, _shortened(lead, ahead))
+        lead = rotation_between(self.quaternion, rotate(self.goal_quaternion, rotation))
+        self.goal_quaternion = rotate(self.quaternion, clamp_norm(lead, ahead))
 
     def approach(self, dt: float) -> None:
         """Move smoothly towards the goal for ``dt`` [s]: limited speed and acceleration."""
@@ -157,7 +161,7 @@ class HandTarget:
             limits.settling,
         )
         self._rate = _pursue(
-            rotation_vector(self.quaternion, self.goal_quaternion),
+            rotation_between(self.quaternion, self.goal_quaternion),
             self._rate,
             limits.angular_speed,
             limits.angular_acceleration * dt,
@@ -168,10 +172,10 @@ class HandTarget:
 
     def follow(self, dt: float) -> None:
         """Move straight to the goal for ``dt`` [s], as far as the speed limits let it."""
-        step = _shortened(self.goal_position - self.position, self.limits.linear_speed * dt)
-        turn = rotation_vector(self.quaternion, self.goal_quaternion)
+        step = clamp_norm(self.goal_position - self.position, self.limits.linear_speed * dt)
+        turn = rotation_between(self.quaternion, self.goal_quaternion)
         self.position = self.position + step
-        self.quaternion = rotate(self.quaternion, _shortened(turn, self.limits.angular_speed * dt))
+        self.quaternion = rotate(self.quaternion, clamp_norm(turn, self.limits.angular_speed * dt))
 
     @property
     def distance(self) -> float:
@@ -181,4 +185,4 @@ class HandTarget:
     @property
     def angle(self) -> float:
         """From the target's orientation to its goal's [rad]."""
-        return float(np.linalg.norm(rotation_vector(self.quaternion, self.goal_quaternion)))
+        return float(np.linalg.norm(rotation_between(self.quaternion, self.goal_quaternion)))

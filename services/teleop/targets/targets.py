@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.robot.rotations import Array
 from common.schemas import Header, Setpoint
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.targets.hand import SIDES, HandTarget, TargetLimits
 
 

@@ -8,8 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.robot.rotations import Array, from_rotation_vector, from_rpy, rotation_vector
+from common.robot.rotations import (
+    quaternion_from_rotation_vector,
+    quaternion_from_rpy,
+    rotation_between,
+)
 from common.schemas import DeviceInput, Gait, HandController
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.headset.mapping import (
     GAIT_BUTTONS,
     Button,
@@ -37,7 +42,7 @@ def controller(
 ) -> HandController:
     values: dict[str, Any] = {
         "position": np.array([0.3, 0.2, 1.1]) if position is None else position,
-        "quaternion": from_rotation_vector(np.zeros(3) if turn is None else turn),
+        "quaternion": quaternion_from_rotation_vector(np.zeros(3) if turn is None else turn),
         "tracked": True,
         "squeeze": 1.0,
     }
@@ -56,7 +61,7 @@ def sample(
     return DeviceInput(
         device="test",
         head_position=np.array([0.0, 0.0, 1.6]) if head is None else head,
-        head_quaternion=from_rpy(*rpy),
+        head_quaternion=quaternion_from_rpy(*rpy),
         head_tracked=tracked,
         left=left or away,
         right=right or away,
@@ -102,7 +107,7 @@ def test_a_hand_moves_as_its_controller_seen_from_the_head(
 def test_a_hand_turns_as_its_controller_seen_from_the_head(turn: Array, yaw: float) -> None:
     rpy = (0.0, 0.0, yaw)
     after = fed(sample(controller(), rpy=rpy), sample(controller(turn=turn), rpy=rpy))
-    turned = rotation_vector(
+    turned = rotation_between(
         fed().hands["left"].target.quaternion, after.hands["left"].target.quaternion
     )
     c, s = math.cos(yaw), math.sin(yaw)
@@ -240,9 +245,9 @@ def test_an_untracked_head_engages_nothing_and_leaves_the_neck() -> None:
 @relaxed
 @given(yaw=angles, pitch=st.floats(-1.5, 1.5))
 def test_heading_of_a_nodding_head(yaw: float, pitch: float) -> None:
-    assert math.remainder(head_yaw(from_rpy(0.0, pitch, yaw)) - yaw, math.tau) == pytest.approx(
-        0.0, abs=1e-6
-    )
+    assert math.remainder(
+        head_yaw(quaternion_from_rpy(0.0, pitch, yaw)) - yaw, math.tau
+    ) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_axes_of_webxr() -> None:

@@ -9,19 +9,20 @@ import pytest
 from common.errors import ConfigError
 from common.robot.frames import BODY_FRAME, HAND_FRAMES
 from common.robot.joints import JOINT_NAMES, MJCF_PATH, POSITION_LOWER, POSITION_UPPER
-from common.robot.rotations import Array, rotation_vector
+from common.robot.pose import Pose, Pose2
+from common.robot.rotations import rotation_between
 from common.schemas import ControlState, DeviceInput, Gait, Header, PlantState
+from common.schemas.arrays import Float64Array as Array
 from common.topics import PLANT_STATE, TELEOP_DEVICE, TELEOP_GAIT, TELEOP_SETPOINT
 from services.teleop.synthetic.arms import hand_in_body
 from services.teleop.synthetic.limb import Limb, Tremor, minimum_jerk
 from services.teleop.synthetic.person import Person
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
-from services.teleop.synthetic.sight import Eyes, Pose, Sight
+from services.teleop.synthetic.sight import Eyes, Sight
 from services.teleop.synthetic.strategies import STRATEGIES, find_strategy
 from services.teleop.synthetic.traits import TRAITS
 from services.teleop.synthetic.walking import (
     STEPS,
-    Place,
     Tolerance,
     plan_gaits,
     rule_gait,
@@ -50,33 +51,34 @@ def test_hands_are_where_the_simulator_has_them() -> None:
             np.testing.assert_allclose(position, rotation.T @ (true.xpos - torso.xpos), atol=1e-9)
             turned = np.zeros(4)
             mujoco.mju_mat2Quat(turned, (rotation.T @ true.xmat.reshape(3, 3)).ravel())
-            assert np.linalg.norm(rotation_vector(turned, quaternion)) < 1e-6
+            assert np.linalg.norm(rotation_between(turned, quaternion)) < 1e-6
 
 
 def test_the_operator_has_learnt_what_the_gaits_do() -> None:
     for gait, step in STEPS.items():
-        assert step == pytest.approx(gait_displacement(gait, GaitConfig()))
+        moved = (step.x, step.y, step.yaw)
+        assert moved == pytest.approx(gait_displacement(gait, GaitConfig()))
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_planned_gaits_lead_to_the_goal_and_are_few(seed: int) -> None:
     rng = np.random.default_rng(seed)
     x, y, yaw = rng.normal((0.0, 0.0, 0.0), (0.1, 0.2, 0.2))
-    here, goal = Place(x, y, yaw), Place(1.0, 0.0, 0.0)
+    here, goal = Pose2(x, y, yaw), Pose2(1.0, 0.0, 0.0)
     tolerance = Tolerance(0.05, math.radians(9.1))
     gaits = plan_gaits(here, goal, tolerance)
     for gait in gaits:
-        here = here.after(gait)
+        here = here.then(STEPS[gait])
     assert tolerance.met(here, goal)
     assert 4 <= len(gaits) <= 12
 
 
 def test_the_rule_turns_then_goes_ahead_then_aside() -> None:
-    goal, tolerance = Place(0.4, 0.1, 0.0), Tolerance()
-    here, done = Place(0.0, 0.0, 0.3), []
+    goal, tolerance = Pose2(0.4, 0.1, 0.0), Tolerance()
+    here, done = Pose2(0.0, 0.0, 0.3), []
     while (gait := rule_gait(here, goal, tolerance)) is not None:
         done.append(gait)
-        here = here.after(gait)
+        here = here.then(STEPS[gait])
     assert done == [Gait.TURN_RIGHT, Gait.FORWARD, Gait.FORWARD, Gait.SIDE_LEFT]
 
 

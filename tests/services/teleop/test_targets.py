@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.robot.frames import BASE_COM_HEIGHT
-from common.robot.rotations import Array, from_rotation_vector, rotation_vector
+from common.robot.rotations import quaternion_from_rotation_vector, rotation_between
 from common.schemas import Setpoint
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.targets.hand import (
     FORWARD_HAND,
     HandTarget,
@@ -71,7 +72,9 @@ def test_setpoints_never_exceed_the_speed_limits_nor_leave_the_box(goals: list[t
     targets = OperatorTargets()
     before = targets.setpoint(0)
     for side, position, turn, dt, ticks, smooth in goals:
-        targets.hands[side].go_to(np.array(position), from_rotation_vector(np.array(turn)))
+        targets.hands[side].go_to(
+            np.array(position), quaternion_from_rotation_vector(np.array(turn))
+        )
         targets.grip(side, position[0])
         targets.look(position[1])
         for _ in range(ticks):
@@ -80,7 +83,7 @@ def test_setpoints_never_exceed_the_speed_limits_nor_leave_the_box(goals: list[t
             moved = np.linalg.norm(positions(now) - positions(before), axis=1)
             assert moved.max() <= LIMITS.linear_speed * dt + 1e-12
             for a, b in zip(quaternions(before), quaternions(now), strict=True):
-                assert np.linalg.norm(rotation_vector(a, b)) <= LIMITS.angular_speed * dt + 1e-9
+                assert np.linalg.norm(rotation_between(a, b)) <= LIMITS.angular_speed * dt + 1e-9
                 assert a @ b > 0.0
             np.testing.assert_allclose(np.linalg.norm(quaternions(now), axis=1), 1.0, atol=1e-12)
             assert np.abs(now.gripper_closure - before.gripper_closure).max() <= 2.0 * dt + 1e-12

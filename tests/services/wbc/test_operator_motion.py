@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from common.robot.rotations import matrix_from_rotation_vector
 from services.wbc.config import HandConfig
 from services.wbc.operator_motion import OperatorMotion
-from services.wbc.rotations import matrix_from_rotation_vector
 
 from .hand_motion import AHEAD, CONFIG, HOME, PERIOD, Pose, at_x, follow, resting_hand
 

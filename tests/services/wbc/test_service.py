@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.robot.rotations import matrix_from_quaternion
 from common.runtime.service import Output
 from common.schemas import (
     ControllerState,
@@ -32,7 +33,6 @@ from common.wire.codec import encode
 from services.wbc.config import WbcConfig
 from services.wbc.hands import HandReference
 from services.wbc.motors import joint_gains
-from services.wbc.rotations import matrix_from_quaternion
 from services.wbc.service import LONGEST_GAP_NS, WbcService
 
 from .bench import Bench

@@ -2,10 +2,11 @@
 
 import numpy as np
 
-from common.robot.rotations import Array
+from common.robot.pose import Pose
 from common.schemas import Gait
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Pose, Sight, hand_pose
+from services.teleop.synthetic.sight import Sight, hand_pose
 
 SIDE = "right"
 BELOW_GRIP = 0.1325

@@ -9,9 +9,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from common.robot.pose import Pose
 from common.schemas import Gait
 from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Pose, Sight, hand_pose
+from services.teleop.synthetic.sight import Sight, hand_pose
 from services.teleop.targets.hand import SIDES
 
 Placing = Callable[[Sight, str, float], Pose]

@@ -5,10 +5,11 @@ The leaf is pushed with the same fist or, by some and where the arm reaches so f
 
 import numpy as np
 
-from common.robot.rotations import Array
-from services.teleop.synthetic.arms import rotate_vector
+from common.robot.pose import Pose
+from common.robot.rotations import conjugate, rotate_vector
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
+from services.teleop.synthetic.sight import Sight, easy_yaw, hand_pose
 
 PRESSED = 0.5
 """Lever angle that frees the bolt, with room for the lever to rise a little [rad]."""
@@ -41,8 +42,7 @@ def level_hand(sight: Sight, point: Array, roll: float = 0.0) -> Pose:
 
 def in_body(sight: Sight, direction: tuple[float, float, float]) -> Array:
     """A direction of the world (3,) in the body frame."""
-    inverse = sight.torso.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-    return rotate_vector(inverse, np.array(direction))
+    return rotate_vector(conjugate(sight.torso.quaternion), np.array(direction))
 
 
 def unlock(person: Person) -> Act:

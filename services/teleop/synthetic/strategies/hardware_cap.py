@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from common.robot.pose import Pose
 from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
+from services.teleop.synthetic.sight import Sight, easy_yaw, hand_pose
 
 OFF = 0.06
 """The cap is off when it is seen this far above its seat [m]."""
@@ -33,7 +34,7 @@ def take_cap_off(person: Person) -> Act:
 def off(sight: Sight) -> bool:
     """Whether the cap is off the can."""
     can, cap = sight.thing("can"), sight.thing("cap")
-    seat = can.place(np.array([0.0, 0.0, CAN_HEIGHT]))
+    seat = can.apply(np.array([0.0, 0.0, CAN_HEIGHT]))
     return float(np.linalg.norm(cap.position - seat)) > OFF
 
 

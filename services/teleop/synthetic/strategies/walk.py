@@ -2,15 +2,16 @@
 
 import math
 
+from common.robot.pose import Pose2
 from services.teleop.synthetic.person import Act, Person
 from services.teleop.synthetic.sight import Sight, hand_pose
-from services.teleop.synthetic.walking import Place, Tolerance, walk_to
+from services.teleop.synthetic.walking import Tolerance, walk_to
 
 
-def _goal(sight: Sight, ahead: float = 0.0, aside: float = 0.0) -> Place:
+def _goal(sight: Sight, ahead: float = 0.0, aside: float = 0.0) -> Pose2:
     mark = sight.thing("goal")
     x, y, _ = mark.position.tolist()
-    return Place(x + ahead, y + aside, mark.yaw)
+    return Pose2(x + ahead, y + aside, mark.yaw)
 
 
 def walk_to_door(person: Person) -> Act:

@@ -12,7 +12,7 @@ from common.schemas import TaskVerdict
 from services.sim.model.world import build_model, find_addresses
 from services.sim.physics.stance import standing_qpos
 from services.sim.tasks import find_task
-from services.sim.tasks.base import Pose, Snapshot, Touch, flat_pose
+from services.sim.tasks.base import BodyState, Snapshot, Touch
 from services.sim.tasks.trial import Trial
 
 Array = NDArray[np.float64]
@@ -119,18 +119,18 @@ class Workshop:
 
 def snapshot(
     time: float,
-    robot: Pose | None = None,
+    robot: BodyState | None = None,
     touches: Mapping[Touch, float] | None = None,
     *,
     loads: tuple[float, float] = (180.0, 180.0),
     fallen: bool = False,
     joints: Mapping[str, float] | None = None,
-    objects: Mapping[str, Pose] | None = None,
+    objects: Mapping[str, BodyState] | None = None,
 ) -> Snapshot:
     """A robot that stands at the origin, unless told otherwise."""
     return Snapshot(
         time=time,
-        robot=robot or flat_pose(0.0, 0.0, 0.82),
+        robot=robot or BodyState.upright(0.0, 0.0, 0.82),
         loads=loads,
         fallen=fallen,
         joints=joints or {},

@@ -6,13 +6,13 @@ import pytest
 
 from common.schemas import TaskVerdict
 from services.sim.tasks.base import (
+    BodyState,
     FailureCondition,
     Snapshot,
     Stage,
     Start,
     Task,
     Touch,
-    flat_pose,
     pairs,
 )
 from services.sim.tasks.judge import Judge
@@ -41,7 +41,7 @@ TASK = Task(
     ),
     wrongs=(FailureCondition("it broke", value("broken"), hold=0.1),),
     desired=pairs(("finger",), "lever"),
-    marks={"goal": flat_pose(0.0, 0.0)},
+    marks={"goal": BodyState.upright(0.0, 0.0)},
 )
 
 
