@@ -10,7 +10,8 @@ from collections.abc import Callable
 import numpy as np
 
 from common.episodes.columns import Rows
-from common.robot.bodyposes import USUAL_HAND, body_poses, nearer
+from common.robot.kinematics import FORWARD_HAND, end_effector_poses
+from common.robot.rotations import nearer_sign
 from common.schemas import (
     ControllerState,
     GaitRequest,
@@ -98,7 +99,7 @@ class EpisodeRecorder:
 def _observation(state: PlantState, controller: ControllerState) -> dict[str, object]:
     q = state.joint_position
     return {
-        "observation/poses": body_poses().of(q),
+        "observation/poses": end_effector_poses(q),
         "observation/control_state": int(controller.state),
         "observation/joint_sin_cos": np.concatenate((np.sin(q), np.cos(q))),
         "observation/joint_velocity": state.joint_velocity,
@@ -109,9 +110,9 @@ def _observation(state: PlantState, controller: ControllerState) -> dict[str, ob
 def _action(setpoint: Setpoint) -> dict[str, object]:
     hands: list[Array] = [
         setpoint.left_hand_position_in_body,
-        nearer(setpoint.left_hand_quaternion_in_body, USUAL_HAND),
+        nearer_sign(setpoint.left_hand_quaternion_in_body, FORWARD_HAND),
         setpoint.right_hand_position_in_body,
-        nearer(setpoint.right_hand_quaternion_in_body, USUAL_HAND),
+        nearer_sign(setpoint.right_hand_quaternion_in_body, FORWARD_HAND),
     ]
     return {
         "action/hands": np.concatenate(hands),

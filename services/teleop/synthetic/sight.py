@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from common.robot.kinematics import hand_in_body
 from common.robot.pose import Pose
 from common.robot.rotations import normalised
 from common.schemas import ControllerState, ControlState, PlantState, SceneState
 from common.schemas.arrays import Float64Array as Array
 from services.teleop.errors import TeleopError
-from services.teleop.synthetic.arms import hand_in_body
 from services.teleop.targets.hand import SIDES, hand_quaternion
 
 SMOOTHING = 0.5
@@ -97,7 +97,7 @@ class Eyes:
         return Sight(
             stamp=state.header.stamp,
             torso=self._place(state),
-            hands={side: Pose(*hand_in_body(side, state.joint_position)) for side in SIDES},
+            hands={side: hand_in_body(side, state.joint_position) for side in SIDES},
             objects={n: Pose(p.position, p.quaternion) for n, p in objects.items()},
             joints={} if scene is None else {j.name: j.position for j in scene.joints},
             balancing=control is not None and control.state is ControlState.BALANCE,

@@ -11,8 +11,9 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.robot.frames import BASE_COM_HEIGHT, FORWARD_HAND_IN_BODY, NOMINAL_HAND_IN_BODY
+from common.robot.frames import BASE_COM_HEIGHT, NOMINAL_HAND_IN_BODY
 from common.robot.joints import JOINTS, NECK
+from common.robot.kinematics import FORWARD_HAND
 from common.robot.rotations import (
     clamp_norm,
     conjugate,
@@ -25,7 +26,6 @@ from common.robot.rotations import (
 from common.schemas.arrays import Float64Array as Array
 
 SIDES: Final = ("left", "right")
-FORWARD_HAND: Final = np.array(FORWARD_HAND_IN_BODY)
 
 NOMINAL_ROLL: Final = 0.5236
 """Roll of the left hand at the nominal joint positions (its shoulder's abduction) [rad]."""

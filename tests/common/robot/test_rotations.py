@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from common.robot.kinematics import FORWARD_HAND
 from common.robot.rotations import (
     clamp_norm,
     conjugate,
@@ -30,7 +31,7 @@ from common.robot.rotations import (
     yaw_from_quaternion,
 )
 from common.schemas.arrays import Float64Array as Array
-from services.teleop.targets.hand import FORWARD_HAND, hand_quaternion
+from services.teleop.targets.hand import hand_quaternion
 
 component = st.floats(-3.0, 3.0)
 vectors = st.tuples(component, component, component).map(np.array)

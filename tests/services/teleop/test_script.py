@@ -5,6 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from common.errors import ConfigError
+from common.robot.kinematics import FORWARD_HAND
 from common.schemas import Gait
 from services.teleop.scripted.library import SCRIPTS, ScriptOptions
 from services.teleop.scripted.script import (
@@ -18,7 +19,7 @@ from services.teleop.scripted.script import (
     load_script,
     parts_used,
 )
-from services.teleop.targets.hand import FORWARD_HAND, TargetLimits, hand_quaternion
+from services.teleop.targets.hand import TargetLimits, hand_quaternion
 
 
 def flat(steps: tuple[Step, ...]) -> list[Step]:

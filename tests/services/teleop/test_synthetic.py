@@ -2,19 +2,14 @@
 
 import math
 
-import mujoco
 import numpy as np
 import pytest
 
 from common.errors import ConfigError
-from common.robot.frames import BODY_FRAME, HAND_FRAMES
-from common.robot.joints import JOINT_NAMES, MJCF_PATH, POSITION_LOWER, POSITION_UPPER
 from common.robot.pose import Pose, Pose2
-from common.robot.rotations import rotation_between
 from common.schemas import ControlState, DeviceInput, Gait, Header, PlantState
 from common.schemas.arrays import Float64Array as Array
 from common.topics import PLANT_STATE, TELEOP_DEVICE, TELEOP_GAIT, TELEOP_SETPOINT
-from services.teleop.synthetic.arms import hand_in_body
 from services.teleop.synthetic.limb import Limb, Tremor, minimum_jerk
 from services.teleop.synthetic.person import Person
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
@@ -32,26 +27,6 @@ from services.wbc.footsteps import gait_displacement
 from tests.services.teleop.support import Bench, FakeController
 
 STEADY = TRAITS["steady"]
-
-
-def test_hands_are_where_the_simulator_has_them() -> None:
-    model = mujoco.MjModel.from_xml_path(str(MJCF_PATH))
-    data = mujoco.MjData(model)
-    rng = np.random.default_rng(4)
-    addresses = [int(model.joint(name).qposadr[0]) for name in JOINT_NAMES]
-    for _ in range(20):
-        joints = rng.uniform(POSITION_LOWER, POSITION_UPPER)
-        data.qpos[addresses] = joints
-        mujoco.mj_kinematics(model, data)
-        torso = data.body(BODY_FRAME)
-        rotation = torso.xmat.reshape(3, 3)
-        for side, site in HAND_FRAMES.items():
-            position, quaternion = hand_in_body(side, joints)
-            true = data.site(site)
-            np.testing.assert_allclose(position, rotation.T @ (true.xpos - torso.xpos), atol=1e-9)
-            turned = np.zeros(4)
-            mujoco.mju_mat2Quat(turned, (rotation.T @ true.xmat.reshape(3, 3)).ravel())
-            assert np.linalg.norm(rotation_between(turned, quaternion)) < 1e-6
 
 
 def test_the_operator_has_learnt_what_the_gaits_do() -> None:

@@ -6,11 +6,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.robot.frames import BASE_COM_HEIGHT
+from common.robot.kinematics import FORWARD_HAND
 from common.robot.rotations import quaternion_from_rotation_vector, rotation_between
 from common.schemas import Setpoint
 from common.schemas.arrays import Float64Array as Array
 from services.teleop.targets.hand import (
-    FORWARD_HAND,
     HandTarget,
     TargetLimits,
     hand_quaternion,
