@@ -157,17 +157,6 @@ class HandConfig(_Config):
         default=2.5, gt=1.0, description="so many times all these is a movement, followed whole"
     )
     stale_after: float = Field(default=0.25, gt=0.0, description="then the hands hold [s]")
-    x_range: tuple[float, float] = Field(
-        default=(0.15, 0.56),
-        description="further than a hand reaches: a push's force comes of the set-point's lead",
-    )
-    y_range: tuple[float, float] = Field(
-        default=(-0.10, 0.45), description="of the left hand; the right is mirrored [m]"
-    )
-    z_range: tuple[float, float] = Field(
-        default=(-0.15, 0.40),
-        description="higher, near the chest, the upper arms meet it and the robot topples [m]",
-    )
 
 
 class MotorGains(_Config):

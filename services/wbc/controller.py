@@ -100,7 +100,7 @@ class Controller:
         """
         config = self.config
         self.locomotion = Locomotion(config)
-        self.hands = (HandReference(0, config.hands), HandReference(1, config.hands))
+        self.hands = (HandReference("left", config.hands), HandReference("right", config.hands))
         self.hand_weight = config.tasks.hand_weight_walking
         self._gripper: Array | None = None
         nominal = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)]

@@ -1,29 +1,20 @@
-"""Hand references: clamped set-points joined at controller rate with velocity feed-forward.
+"""Hand references: set-points within the workspace, joined with velocity feed-forward.
 
 Set-points arrive at about 20 Hz. Each becomes a cubic Hermite segment that starts at the present
-reference (position and velocity) and ends one set-point period later (later still if a speed
-limit says so) where the operator will be
-if the motion goes on, by an estimate (operator_motion.py) that leaves out most of a hand's
-trembling. A steady motion is thus followed without lag; a stop costs one period's overshoot. When
-set-points cease, the reference comes to rest at the last one and holds.
+reference (position and velocity). It ends where the hand will be one set-point period later if the
+motion goes on, by an estimate (operator_motion.py) that leaves out most of the trembling; it takes
+longer than that if a speed limit asks for it. A steady motion is thus followed without lag; a stop
+costs one period's overshoot. When set-points cease, the reference comes to rest at the last one.
 """
 
 import numpy as np
 
 from common.robot.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
+from common.robot.workspace import clamp_to_workspace
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import HandConfig
 from services.wbc.operator_motion import OperatorMotion
 from services.wbc.swing import PoseReference
-
-
-def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
-    """Hand position (3,) in the body frame limited to the reachable box; ``side`` 0 left."""
-    low, high = config.y_range if side == 0 else (-config.y_range[1], -config.y_range[0])
-    lower = (config.x_range[0], low, config.z_range[0])
-    upper = (config.x_range[1], high, config.z_range[1])
-    clamped: Array = np.minimum(np.maximum(position, lower), upper)
-    return clamped
 
 
 class _Segment:
@@ -65,9 +56,12 @@ class _Segment:
 
 
 class HandReference:
-    """Reference of one hand in the body frame; pure, driven by explicit times [s]."""
+    """Reference of one hand in the body frame; pure, driven by explicit times [s].
 
-    def __init__(self, side: int, config: HandConfig) -> None:
+    It is the one place where set-points are kept within the workspace and their speed is limited.
+    """
+
+    def __init__(self, side: str, config: HandConfig) -> None:
         self._side = side
         self._config = config
         self._segment: _Segment | None = None
@@ -98,7 +92,7 @@ class HandReference:
     def set(self, position: Array, rotation: Array, time: float) -> None:
         """Take a new set-point that arrived at ``time``."""
         config = self._config
-        position = clamp_workspace(position, self._side, config)
+        position = clamp_to_workspace(self._side, position)
         if config.mode == "raw" or self._segment is None or self._motion is None:
             self.hold(position, rotation, time)
             return
@@ -115,7 +109,7 @@ class HandReference:
         now = self.at(time)
         config = self._config
         period = config.setpoint_period
-        end = clamp_workspace(position + rate[:3] * period, self._side, config)
+        end = clamp_to_workspace(self._side, position + rate[:3] * period)
         rate = rate.copy()
         rate[:3] = (end - position) / period
         turn = rotation_vector_from_matrix(rotation @ now.rotation.T) + rate[3:] * period

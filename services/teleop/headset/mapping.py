@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from common.robot.joints import JOINTS, NECK
+from common.robot.pose import Pose
 from common.robot.rotations import (
     multiply,
     normalised,
@@ -23,9 +24,10 @@ from common.robot.rotations import (
     rotation_between,
     rpy_from_quaternion,
 )
+from common.robot.workspace import clamp_to_workspace
 from common.schemas import DeviceInput, Gait, GaitRequest, HandController, Header, Setpoint
 from common.schemas.arrays import Float64Array as Array
-from services.teleop.targets.hand import HandTarget, TargetLimits, home_pose
+from services.teleop.targets.hand import nominal_pose
 
 
 class MapperConfig(BaseModel):
@@ -46,10 +48,6 @@ class MapperConfig(BaseModel):
         default=0.25, gt=0.0, description="without a sample the clutches are released [s]"
     )
     head_moves_neck: bool = Field(default=True, description="the robot looks down as the head does")
-    box_low: tuple[float, float, float] = Field(
-        default=(0.15, -0.10, -0.15), description="of the left hand in the body frame [m]"
-    )
-    box_high: tuple[float, float, float] = (0.56, 0.45, 0.40)
 
 
 class Button(Enum):
@@ -86,8 +84,7 @@ class _Snapshot:
     controller_position: Array
     controller_quaternion: Array
     yaw: float
-    target_position: Array
-    target_quaternion: Array
+    target: Pose
 
 
 def head_yaw(quaternion: Array) -> float:
@@ -109,17 +106,20 @@ def head_yaw(quaternion: Array) -> float:
 class HandMapper:
     """One hand's clutch, target and gripper.
 
+    While the clutch is held the target may leave the workspace, in which the controller keeps the
+    hand. When it is let go the target falls back to where the hand is kept, so that the hand obeys
+    at once when the clutch is engaged anew.
+
     Attributes:
         side: ``left`` or ``right``.
-        target: pose in the body frame, within the workspace.
+        target: pose in the body frame.
         closure: of the gripper, 0 open to 1 closed.
     """
 
     def __init__(self, side: str, config: MapperConfig) -> None:
         self.side = side
         self._config = config
-        limits = TargetLimits(box_low=config.box_low, box_high=config.box_high)
-        self.target = HandTarget(side, limits)
+        self.target = nominal_pose(side)
         self.closure = 0.0
         self._snapshot: _Snapshot | None = None
         self._trigger_met = False
@@ -131,8 +131,10 @@ class HandMapper:
         return self._snapshot is not None
 
     def release(self) -> None:
-        """Hold the target until engaged anew."""
+        """Hold the target, within the workspace, until engaged anew."""
         self._snapshot = None
+        position = clamp_to_workspace(self.side, self.target.position)
+        self.target = Pose(position, self.target.quaternion)
 
     def take(self, controller: HandController, yaw: float | None) -> None:
         """Follow one sample; ``yaw`` is the head's [rad], None when it is not tracked."""
@@ -153,21 +155,20 @@ class HandMapper:
             controller.position,
             controller.quaternion,
             yaw,
-            self.target.position,
-            self.target.quaternion,
+            self.target,
         )
         self._trigger_met = False
         self._last_trigger = controller.trigger
 
     def _follow(self, snapshot: _Snapshot, controller: HandController) -> None:
         moved = controller.position - snapshot.controller_position
-        position = snapshot.target_position + self._config.scale * rotate_about_z(
+        position = snapshot.target.position + self._config.scale * rotate_about_z(
             moved, -snapshot.yaw
         )
         turn = rotation_between(snapshot.controller_quaternion, controller.quaternion)
         delta = quaternion_from_rotation_vector(rotate_about_z(turn, -snapshot.yaw))
-        quaternion = normalised(multiply(delta, snapshot.target_quaternion))
-        self.target.place(position, quaternion)
+        quaternion = normalised(multiply(delta, snapshot.target.quaternion))
+        self.target = Pose(position, quaternion)
 
     def _grip(self, trigger: float) -> None:
         """The gripper follows the trigger once this has met the closure it was left with."""
@@ -195,11 +196,6 @@ class HeadsetMapper:
         self.next_id = first_id
         self._held: frozenset[Button] = frozenset(Button)
         self._last: float | None = None
-
-    def home(self) -> None:
-        """Put both targets to where hands rest: before the first set-point, never in a motion."""
-        for side, hand in self.hands.items():
-            hand.target.place(*home_pose(side))
 
     def take(self, device: DeviceInput | None, now: float) -> list[GaitRequest]:
         """Take in one sample, or None if there is no new one; returns the gaits asked for.

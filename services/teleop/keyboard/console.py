@@ -32,7 +32,7 @@ from services.teleop.keyboard.keymap import (
     Turn,
     Walk,
 )
-from services.teleop.targets.hand import SIDES, TargetLimits, home_pose
+from services.teleop.targets.hand import SIDES, MotionLimits, home_pose
 from services.teleop.targets.targets import OperatorTargets
 
 GAITS_SHOWN = 3
@@ -41,11 +41,11 @@ ANSWER_EXPECTED = 2.0
 
 
 class KeyboardConfig(BaseModel):
-    """Step sizes of the keys and limits of the targets."""
+    """Step sizes of the keys and speeds of the targets."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    limits: TargetLimits = TargetLimits()
+    limits: MotionLimits = MotionLimits()
     distance_step: float = Field(default=0.02, gt=0.0, description="hand [m]")
     angle_step: float = Field(default=math.radians(5.0), gt=0.0, description="hand, neck [rad]")
     repeat_window: float = Field(default=1.0, gt=0.0, description="for keys pressed twice [s]")
@@ -202,7 +202,7 @@ class Console:
 
     def _home(self, sides: Sequence[str]) -> None:
         for side in sides:
-            self.targets.hands[side].go_to(*home_pose(side))
+            self.targets.hands[side].go_to(home_pose(side))
 
     def _push(self, header: Header) -> PlantRequest:
         return PlantRequest(

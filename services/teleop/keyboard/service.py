@@ -72,7 +72,7 @@ class KeyboardOperator(Service):
         stamp = 0 if feedback.controller is None else feedback.controller.header.stamp
         outputs = self._keys(now, stamp)
         if not self.console.watching:
-            self.console.targets.advance(dt, smooth=True)
+            self.console.targets.advance(dt)
             outputs.append(Output(TELEOP_SETPOINT, self.console.targets.setpoint(stamp)))
         lines = render(self.console, feedback, now)
         if lines != self._drawn:

@@ -11,6 +11,7 @@ from math import pi, sin
 
 import numpy as np
 
+from common.robot.pose import Pose
 from common.robot.rotations import rotate, rotation_between
 from common.schemas.arrays import Float64Array as Array
 from services.teleop.scripted.gaits import GaitClient
@@ -35,7 +36,7 @@ log = logging.getLogger(__name__)
 PEAK_OF_MINIMUM_JERK = 1.875
 """Peak over mean speed of a minimum-jerk path: 30/16 (Flash and Hogan 1985)."""
 SPEED_USED = 0.95
-"""Share of the speed limits that a path plans for, so that the limiter never cuts it."""
+"""Share of the speed limits that a path plans for."""
 FADE = 0.25
 """Share of a swing's duration over which it fades in, and out again."""
 
@@ -119,8 +120,7 @@ class _Path:
     def __post_init__(self) -> None:
         hand = self.hand
         self.start, self.start_quaternion = hand.position, hand.quaternion
-        end = hand.limits.clamp(hand.side, np.array(self.pose.position))
-        self.displacement = end - self.start
+        self.displacement = np.array(self.pose.position) - self.start
         quaternion = self.pose.quaternion()
         self.rotation = (
             np.zeros(3)
@@ -135,12 +135,14 @@ class _Path:
         angular = float(np.linalg.norm(self.rotation)) / limits.angular_speed
         return PEAK_OF_MINIMUM_JERK / SPEED_USED * max(linear, angular)
 
-    def set_goal(self, phase: float) -> None:
-        """Put the hand's goal at ``phase`` in 0..1 of the path's time."""
+    def place_hand(self, phase: float) -> None:
+        """Put the hand's target where it is at ``phase`` in 0..1 of the path's time."""
         share = phase**3 * (10.0 - 15.0 * phase + 6.0 * phase**2)
-        self.hand.go_to(
-            self.start + share * self.displacement,
-            rotate(self.start_quaternion, share * self.rotation),
+        self.hand.place(
+            Pose(
+                self.start + share * self.displacement,
+                rotate(self.start_quaternion, share * self.rotation),
+            )
         )
 
 
@@ -155,7 +157,7 @@ def _move(step: Move, stage: Stage) -> Iterator[None]:
         yield
         elapsed += stage.dt
         for path in paths:
-            path.set_goal(min(1.0, elapsed / duration))
+            path.place_hand(min(1.0, elapsed / duration))
 
 
 def _swing(step: Sine, stage: Stage) -> Iterator[None]:
@@ -167,7 +169,7 @@ def _swing(step: Sine, stage: Stage) -> Iterator[None]:
         elapsed = min(step.duration, elapsed + stage.dt)
         envelope = min(1.0, elapsed / fade, (step.duration - elapsed) / fade)
         offset = envelope * step.amplitude * sin(2 * pi * step.frequency * elapsed)
-        hand.go_to(centre + offset * axis, quaternion)
+        hand.place(Pose(centre + offset * axis, quaternion))
 
 
 def _grip(step: Grip, stage: Stage) -> Iterator[None]:

@@ -29,7 +29,7 @@ from pydantic import (
 from common.errors import ConfigError, explain
 from common.schemas import Gait
 from common.schemas.arrays import Float64Array as Array
-from services.teleop.targets.hand import TargetLimits, hand_quaternion
+from services.teleop.targets.hand import MotionLimits, hand_quaternion
 
 Side = Literal["left", "right"]
 Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
@@ -110,7 +110,7 @@ class Sine(_Part):
 
     @model_validator(mode="after")
     def _within_speed(self) -> "Sine":
-        peak, limit = 2 * pi * self.frequency * self.amplitude, TargetLimits().linear_speed
+        peak, limit = 2 * pi * self.frequency * self.amplitude, MotionLimits().linear_speed
         if peak > limit:
             raise ValueError(
                 f"expected a peak speed (2 pi frequency amplitude) of at most {limit} m/s, "

@@ -29,7 +29,7 @@ from services.teleop.errors import ScriptError
 from services.teleop.scripted.gaits import GaitClient, GaitPatience
 from services.teleop.scripted.player import Stage, play
 from services.teleop.scripted.script import Script
-from services.teleop.targets.hand import TargetLimits
+from services.teleop.targets.hand import MotionLimits
 from services.teleop.targets.targets import OperatorTargets
 
 log = logging.getLogger(__name__)
@@ -47,7 +47,7 @@ class ScriptedConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    limits: TargetLimits = TargetLimits()
+    limits: MotionLimits = MotionLimits()
     patience: GaitPatience = GaitPatience()
     start_timeout: float = Field(default=60.0, gt=0.0, description="until BALANCE [s]")
     silence_timeout: float = Field(
@@ -120,7 +120,7 @@ class ScriptedOperator(Service):
             self._act(inputs, fresh, plant, elapsed)
         except ScriptError as error:
             self._fail(str(error))
-        self.targets.advance(stage.dt, smooth=False)
+        self.targets.advance(stage.dt)
 
         stamp = 0 if controller is None else controller.header.stamp
         header = Header(stamp=stamp)

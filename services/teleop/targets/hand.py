@@ -1,4 +1,4 @@
-"""One hand's target: where an operator wants it, moved there within limits.
+"""Hand poses as operators name them, and a target that moves smoothly to a goal.
 
 All poses are in the body frame (``torso_link``). A hand whose orientation is the identity of this
 module's (roll, pitch, yaw) convention points straight ahead: its -z axis along body +x, fingers
@@ -11,9 +11,9 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.robot.frames import BASE_COM_HEIGHT, NOMINAL_HAND_IN_BODY
-from common.robot.joints import JOINTS, NECK
+from common.robot.frames import NOMINAL_HAND_IN_BODY
 from common.robot.kinematics import FORWARD_HAND
+from common.robot.pose import Pose
 from common.robot.rotations import (
     clamp_norm,
     conjugate,
@@ -23,6 +23,7 @@ from common.robot.rotations import (
     rotation_between,
     rpy_from_quaternion,
 )
+from common.robot.workspace import clamp_to_workspace
 from common.schemas.arrays import Float64Array as Array
 
 SIDES: Final = ("left", "right")
@@ -38,14 +39,8 @@ the nearest comfortable pose: within 0.4 rad of no joint limit but the shoulder'
 """
 
 
-class TargetLimits(BaseModel):
-    """How fast and how far the targets may move; the box is the left hand's, the right mirrors it.
-
-    The box is that of the public TRILL configuration (there in ``base_com``), but with x from
-    0.15 m so that a hand can be drawn back to the torso, to 0.56 m (there 0.50) so that a hand near
-    the end of its reach can still be sent ahead of a thing to push it, and no higher than 0.40 m:
-    above, close to the chest, the upper arms press against it and topple the robot.
-    """
+class MotionLimits(BaseModel):
+    """How fast the targets of an operator move whose goals jump, for instance with keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -58,16 +53,6 @@ class TargetLimits(BaseModel):
     neck_speed: float = Field(default=1.0, gt=0.0, description="[rad/s]")
     lead_distance: float = Field(default=0.08, gt=0.0, description="of a stepped goal [m]")
     lead_angle: float = Field(default=0.4, gt=0.0, description="of a stepped goal [rad]")
-    box_low: tuple[float, float, float] = (0.15, -0.10, -0.2 + BASE_COM_HEIGHT)
-    box_high: tuple[float, float, float] = (0.56, 0.45, 0.40)
-    neck_low: float = JOINTS[NECK.start].lower
-    neck_high: float = JOINTS[NECK.start].upper
-
-    def clamp(self, side: str, position: Array) -> Array:
-        """``position`` (3,) [m] moved into the workspace box of hand ``side``."""
-        mirror: Array = np.array([1.0, 1.0 if side == "left" else -1.0, 1.0])
-        inside: Array = np.clip(position * mirror, self.box_low, self.box_high)
-        return inside * mirror
 
 
 def hand_quaternion(roll: float, pitch: float, yaw: float) -> Array:
@@ -80,10 +65,16 @@ def hand_rpy(quaternion: Array) -> tuple[float, float, float]:
     return rpy_from_quaternion(multiply(quaternion, conjugate(FORWARD_HAND)))
 
 
-def home_pose(side: str) -> tuple[Array, Array]:
-    """Position (3,) [m] and quaternion (4,) to which hand ``side`` is sent home."""
+def nominal_pose(side: str) -> Pose:
+    """Return the pose of hand ``side`` at the robot's nominal joint positions."""
+    roll = NOMINAL_ROLL if side == "left" else -NOMINAL_ROLL
+    return Pose(np.array(NOMINAL_HAND_IN_BODY[side]), hand_quaternion(roll, 0.0, 0.0))
+
+
+def home_pose(side: str) -> Pose:
+    """Return the pose to which hand ``side`` is sent home."""
     sign = 1.0 if side == "left" else -1.0
-    return np.array(HOME_POSITION) * (1.0, sign, 1.0), FORWARD_HAND.copy()
+    return Pose(np.array(HOME_POSITION) * (1.0, sign, 1.0), FORWARD_HAND.copy())
 
 
 def _pursue(error: Array, velocity: Array, speed: float, change: float, settling: float) -> Array:
@@ -97,37 +88,37 @@ def _pursue(error: Array, velocity: Array, speed: float, change: float, settling
 class HandTarget:
     """One hand's target pose and the goal it moves to, in the body frame.
 
+    The controller keeps what is published within the workspace. Here only goals that grow step by
+    step are kept there too, so that a key held down does not pile up steps to take back.
+
     Attributes:
         side: ``left`` or ``right``.
-        limits: speeds and workspace.
+        limits: speeds and accelerations.
         position, quaternion: the target as published; starts at the nominal hand pose.
         goal_position, goal_quaternion: where it is going.
     """
 
     side: str
-    limits: TargetLimits
+    limits: MotionLimits
     position: Array = field(init=False)
     quaternion: Array = field(init=False)
     goal_position: Array = field(init=False)
     goal_quaternion: Array = field(init=False)
-    _velocity: Array = field(init=False, default_factory=lambda: np.zeros(3))
-    _rate: Array = field(init=False, default_factory=lambda: np.zeros(3))
+    _velocity: Array = field(init=False)
+    _rate: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        roll = NOMINAL_ROLL if self.side == "left" else -NOMINAL_ROLL
-        self.place(np.array(NOMINAL_HAND_IN_BODY[self.side]), hand_quaternion(roll, 0.0, 0.0))
+        self.place(nominal_pose(self.side))
 
-    def place(self, position: Array, quaternion: Array) -> None:
-        """Set target and goal at once, at rest: for a start, never in the middle of a motion."""
-        self.position = self.limits.clamp(self.side, position)
-        self.quaternion = quaternion
-        self.goal_position, self.goal_quaternion = self.position, self.quaternion
+    def place(self, pose: Pose) -> None:
+        """Set target and goal at once, at rest."""
+        self.position, self.quaternion = pose.position, pose.quaternion
+        self.goal_position, self.goal_quaternion = pose.position, pose.quaternion
         self._velocity, self._rate = np.zeros(3), np.zeros(3)
 
-    def go_to(self, position: Array, quaternion: Array) -> None:
-        """Set the goal; it is clamped to the workspace."""
-        self.goal_position = self.limits.clamp(self.side, position)
-        self.goal_quaternion = quaternion
+    def go_to(self, pose: Pose) -> None:
+        """Set the goal."""
+        self.goal_position, self.goal_quaternion = pose.position, pose.quaternion
 
     def shift(self, step: Array) -> None:
         """Move the goal by ``step`` (3,) [m], at most ``lead_distance`` ahead of the target.
@@ -138,8 +129,7 @@ class HandTarget:
         ahead = max(
             self.limits.lead_distance, float(np.linalg.norm(self.goal_position - self.position))
         )
-        goal = self.position + clamp_norm(lead, ahead)
-        self.goal_position = self.limits.clamp(self.side, goal)
+        self.goal_position = clamp_to_workspace(self.side, self.position + clamp_norm(lead, ahead))
 
     def turn(self, rotation: Array) -> None:
         """Turn the goal by ``rotation`` (3,) [rad] about body axes; ``lead_angle`` at most."""
@@ -167,15 +157,8 @@ class HandTarget:
             limits.angular_acceleration * dt,
             limits.settling,
         )
-        self.position = limits.clamp(self.side, self.position + self._velocity * dt)
+        self.position = self.position + self._velocity * dt
         self.quaternion = rotate(self.quaternion, self._rate * dt)
-
-    def follow(self, dt: float) -> None:
-        """Move straight to the goal for ``dt`` [s], as far as the speed limits let it."""
-        step = clamp_norm(self.goal_position - self.position, self.limits.linear_speed * dt)
-        turn = rotation_between(self.quaternion, self.goal_quaternion)
-        self.position = self.position + step
-        self.quaternion = rotate(self.quaternion, clamp_norm(turn, self.limits.angular_speed * dt))
 
     @property
     def distance(self) -> float:

@@ -16,9 +16,9 @@ from .support import FakeController, plant_status
 def test_hands_go_home_first() -> None:
     desk = Desk()
     for side in ("left", "right"):
-        position, quaternion = home_pose(side)
-        np.testing.assert_allclose(desk.hand(side)[0], position, atol=1e-4)
-        assert np.linalg.norm(rotation_between(desk.hand(side)[1], quaternion)) < 1e-3
+        home = home_pose(side)
+        np.testing.assert_allclose(desk.hand(side)[0], home.position, atol=1e-4)
+        assert np.linalg.norm(rotation_between(desk.hand(side)[1], home.quaternion)) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_head_keys() -> None:
 
 def test_home_brings_the_selected_hand_back() -> None:
     desk = Desk().type("i", "u", "z", "h", run=3.0)
-    np.testing.assert_allclose(desk.hand("left")[0], home_pose("left")[0], atol=1e-4)
+    np.testing.assert_allclose(desk.hand("left")[0], home_pose("left").position, atol=1e-4)
 
 
 def test_plant_keys() -> None:

@@ -132,7 +132,7 @@ def test_a_setpoint_counts_once_when_it_arrives() -> None:
     desk = Desk()
     desk.state(1000)
     hand = desk.service.controller.hands[0]
-    alone = HandReference(0, CONFIG.hands)
+    alone = HandReference("left", CONFIG.hands)
     alone.hold(*hand.target, 1.0)
     message = setpoint(left=np.array([0.4, 0.2, 0.1]))
     desk.state(1010, (TELEOP_SETPOINT, message))
