@@ -9,8 +9,7 @@ from common.schemas import TaskStatus, TaskVerdict
 from lab.review.film import Film, picture_at
 from lab.review.frames import Image, Progress, caption, decoded, fitted
 from lab.review.task_film import task_moments, trial_seconds
-from services.sim.rendering.render import FollowCamera, contact_sheet, render_states
-from services.sim.rendering.shots import shot_of
+from services.sim.rendering.render import FollowCamera, contact_sheet, render_states, task_view
 from services.sim.scenes.base import View
 
 TILE = (360, 270)
@@ -59,7 +58,7 @@ def scene_pictures(
         SceneError: the scene is not known, or changed within the film.
     """
     if camera is None:
-        camera = shot_of(film.task.task if film.task else "", film.scene)
+        camera = task_view(film.task.task if film.task else "", film.scene)
     return render_states(
         (film.truth[index] for index in indices),
         *(width, height, camera),

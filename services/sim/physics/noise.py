@@ -8,7 +8,7 @@ from services.sim.config import NoiseConfig
 
 
 def add_noise(state: PlantState, noise: NoiseConfig, rng: np.random.Generator) -> PlantState:
-    """Return ``state`` as a sensor of this quality would report it."""
+    """Return a copy of ``state`` with white noise of these standard deviations."""
     joints = state.joint_position.size
     return state.model_copy(
         update={

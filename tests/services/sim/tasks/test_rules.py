@@ -11,14 +11,14 @@ from common.schemas import TaskVerdict
 from services.sim.scenes.bench import PUSH_GOAL, PUSH_LANE
 from services.sim.scenes.cap import CAN_HEIGHT
 from services.sim.tasks import all_tasks, find_task
-from services.sim.tasks.base import BodyState, Touch
+from services.sim.tasks.base import BodyState, Contact
 from services.sim.tasks.judge import Judge
 
 from .support import snapshot
 
 World = Mapping[str, Any]
 DOOR = {"door_hinge": 0.0, "door_lever": 0.0, "door_latch": 0.0}
-WRIST = Touch("left", "wrist", "jamb")
+WRIST = Contact("left", "wrist", "jamb")
 
 
 def at(x: float, y: float, yaw: float = 0.0, **more: Any) -> World:
@@ -39,37 +39,37 @@ def door(hinge: float, lever: float = 0.0) -> World:
     return {"joints": {"door_hinge": hinge, "door_lever": lever, "door_latch": 0.0}}
 
 
-LEFT_CAN, RIGHT_CAP = Touch("left", "finger", "can"), Touch("right", "palm", "cap")
+LEFT_CAN, RIGHT_CAP = Contact("left", "finger", "can"), Contact("right", "palm", "cap")
 
 
-def hammer(x: float, z: float, speed: float = 0.0, *touches: Touch) -> World:
+def hammer(x: float, z: float, speed: float = 0.0, *contacts: Contact) -> World:
     """A hammer ``x`` from the middle of a trolley that is turned round, ``z`` above the floor."""
     place = BodyState.upright(0.7 - x, -0.7, z)
     objects = {
         "hammer": type(place)(place.position, place.quaternion, speed),
         "cart": BodyState.upright(0.7, -0.7, 0.0, math.pi),
     }
-    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+    return {"objects": objects, "contacts": dict.fromkeys(contacts, 5.0)}
 
 
-def tool(x: float, speed: float = 0.0, *touches: Touch) -> World:
+def tool(x: float, speed: float = 0.0, *contacts: Contact) -> World:
     place = BodyState.upright(0.4 + x, 0.0, 0.76)
     moving = type(place)(place.position, place.quaternion, speed)
     objects = {"tool": moving, "box": BodyState.upright(0.4, 0.0, 0.74)}
-    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+    return {"objects": objects, "contacts": dict.fromkeys(contacts, 5.0)}
 
 
-def cap(lift: float, *touches: Touch) -> World:
+def cap(lift: float, *contacts: Contact) -> World:
     """A cap ``lift`` above its seat on a can that lies on its side."""
     quarter = math.sqrt(0.5)
     can = BodyState(np.array([0.4, 0.0, 0.9]), np.array([quarter, 0.0, quarter, 0.0]))
     objects = {"can": can, "cap": BodyState.upright(0.4 + CAN_HEIGHT + lift, 0.0, 0.9)}
-    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+    return {"objects": objects, "contacts": dict.fromkeys(contacts, 5.0)}
 
 
-ON_TRAY = Touch("", "cart tray", "hammer")
-IN_BOX, ON_TABLE = Touch("", "box", "tool"), Touch("", "table", "tool")
-HELD_HAMMER, HELD_TOOL = Touch("right", "finger", "hammer"), Touch("right", "finger", "tool")
+ON_TRAY = Contact("", "cart tray", "hammer")
+IN_BOX, ON_TABLE = Contact("", "box", "tool"), Contact("", "table", "tool")
+HELD_HAMMER, HELD_TOOL = Contact("right", "finger", "hammer"), Contact("right", "finger", "tool")
 LIFT_HAMMER = (0.5, hammer(0.0, 1.0, 0.0, HELD_HAMMER))
 LIFT_TOOL = (0.5, tool(0.0, 0.0, HELD_TOOL))
 BOTH = (LEFT_CAN, RIGHT_CAP)
@@ -109,7 +109,7 @@ def test_goal_reached(task: str) -> None:
 @pytest.mark.parametrize("task", REACHED)
 def test_goal_reached_with_a_collision(task: str) -> None:
     hit = [
-        (d, {**world, "touches": {**world.get("touches", {}), WRIST: 20.0}})
+        (d, {**world, "contacts": {**world.get("contacts", {}), WRIST: 20.0}})
         for d, world in REACHED[task]
     ]
     judge = play(task, *hit)
@@ -175,7 +175,7 @@ MISSED_THINGS: list[tuple[str, list[tuple[float, World]]]] = [
     ("hardware/cap", [(3.0, cap(0.0, *BOTH))]),
     ("hardware/cap", [(3.0, cap(0.03, *BOTH))]),
     ("hardware/cap", [(0.3, cap(0.0, *BOTH)), (3.0, cap(0.04, RIGHT_CAP))]),
-    ("hardware/cap", [(3.0, cap(0.04, Touch("right", "finger", "can"), RIGHT_CAP))]),
+    ("hardware/cap", [(3.0, cap(0.04, Contact("right", "finger", "can"), RIGHT_CAP))]),
 ]
 
 
