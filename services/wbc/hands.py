@@ -14,18 +14,18 @@ from common.robot.workspace import clamp_to_workspace
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import HandConfig
 from services.wbc.operator_motion import OperatorMotion
-from services.wbc.swing import PoseReference
+from services.wbc.references import PoseReference
 
 
 class _Segment:
-    """Cubic in position and, about a base rotation, in rotation vector.
+    """Cubic Hermite segment of the position and of a rotation vector.
 
     Args:
-        start: time it begins [s].
+        start: time of its beginning [s].
         duration: [s].
-        values: (2, 6) pose offset at both ends: position, rotation vector.
-        rates: (2, 6) its time derivative there.
-        base_rotation: (3, 3) rotation the rotation vector is applied to.
+        values: (2, 6) position and rotation vector at both ends [m, rad].
+        rates: (2, 6) their time derivatives at both ends.
+        base_rotation: (3, 3) rotation that the rotation vector turns.
     """
 
     def __init__(
@@ -33,13 +33,13 @@ class _Segment:
     ) -> None:
         self.start, self.duration, self.base_rotation = start, duration, base_rotation
         (a, b), (va, vb) = values, rates * duration
-        # Hermite basis gathered into powers of the normalised time.
+        # The Hermite basis as powers of the normalised time.
         self._coefficients = np.array(
             (a, va, 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb)
         )
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Value, rate and acceleration (6,); constant rate and zero acceleration past the end."""
+        """Return value, rate and acceleration (6,); beyond the end the rate is constant."""
         s = min(max((time - self.start) / self.duration, 0.0), 1.0)
         pace = 1.0 / self.duration
         bend = pace * pace if s < 1.0 else 0.0
@@ -72,25 +72,31 @@ class HandReference:
 
     @property
     def started(self) -> bool:
-        """Whether a pose was ever set."""
+        """Whether a pose was set."""
         return self._target is not None
 
     @property
     def target(self) -> tuple[Array, Array]:
-        """Last set-point after clamping: position (3,), rotation (3, 3), in the body frame."""
+        """Last set-point within the workspace: position (3,) and rotation (3, 3)."""
         if self._target is None:
             raise ValueError("no hand set-point yet; call hold() or set() first")
         return self._target
 
     def hold(self, position: Array, rotation: Array, time: float) -> None:
-        """Rest at a pose from ``time`` on, whatever was before; not clamped."""
+        """Rest at a pose from ``time`` on; it may lie outside the workspace."""
         self._target, self._target_time, self._stopped = (position, rotation), time, True
         self._motion = OperatorMotion(self._config, position, rotation)
         value = np.concatenate((position, np.zeros(3)))
         self._segment = _Segment(time, 1.0, np.array([value, value]), np.zeros((2, 6)), rotation)
 
     def set(self, position: Array, rotation: Array, time: float) -> None:
-        """Take a new set-point that arrived at ``time``."""
+        """Follow a set-point that arrived at ``time``.
+
+        Args:
+            position: (3,) in the body frame [m].
+            rotation: (3, 3) hand to body.
+            time: [s].
+        """
         config = self._config
         position = clamp_to_workspace(self._side, position)
         if config.mode == "raw" or self._segment is None or self._motion is None:
@@ -98,7 +104,7 @@ class HandReference:
             return
         elapsed = max(time - self._target_time, 0.5 * config.setpoint_period)
         if elapsed <= config.stale_after:
-            self._motion.take(position, rotation, elapsed)
+            self._motion.update(position, rotation, elapsed)
         else:
             self._motion = OperatorMotion(config, position, rotation)
         motion = self._motion
@@ -115,7 +121,7 @@ class HandReference:
         turn = rotation_vector_from_matrix(rotation @ now.rotation.T) + rate[3:] * period
         distance = float(np.linalg.norm(end - now.position))
         angle = float(np.linalg.norm(turn))
-        # A cubic from rest to rest peaks at 1.5 times its mean speed.
+        # The peak speed of a cubic from rest to rest is 1.5 times its mean.
         duration = max(
             period, 1.5 * distance / config.speed_max, 1.5 * angle / config.turn_rate_max
         )
@@ -125,7 +131,7 @@ class HandReference:
         )
 
     def at(self, time: float) -> PoseReference:
-        """Reference at ``time``: body-frame pose, velocity and acceleration."""
+        """Return the reference at ``time``: pose, velocity and acceleration in the body frame."""
         if self._segment is None:
             raise ValueError("no hand set-point yet; call hold() or set() first")
         silent = time - self._target_time
@@ -137,7 +143,7 @@ class HandReference:
         return PoseReference(value[:3], rotation, rate, acceleration)
 
     def _stop(self, time: float) -> None:
-        """Come to rest at the last set-point: nobody says where the operator went."""
+        """Come to rest at the last set-point, for the operator's motion is no longer known."""
         self._stopped = True
         position, rotation = self.target
         self._go(position, rotation, np.zeros(6), time)

@@ -6,7 +6,7 @@ import numpy as np
 
 from services.wbc.config import HandConfig
 from services.wbc.hands import HandReference
-from services.wbc.swing import PoseReference
+from services.wbc.references import PoseReference
 
 from .support import Array
 

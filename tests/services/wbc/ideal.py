@@ -4,9 +4,9 @@ import numpy as np
 
 from common.robot.rotations import matrix_from_yaw, yaw_from_matrix
 from common.schemas import ControlState, Gait, GaitOutcome
-from services.wbc.body import BodyReference
 from services.wbc.config import WbcConfig
 from services.wbc.locomotion import Answer, Locomotion
+from services.wbc.references import BodyReference
 from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 
 from .support import Array, nominal_state

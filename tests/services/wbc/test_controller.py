@@ -17,9 +17,9 @@ from services.sim.physics.stance import standing_torque
 from services.wbc.config import Gains, TaskConfig, WbcConfig
 from services.wbc.controller import MAX_DUMPS, TORQUE_SHARE, Command, Controller
 from services.wbc.qp import NORMAL, QpBuilder, QpData
+from services.wbc.references import PoseReference
 from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 from services.wbc.solvers import make_solver
-from services.wbc.swing import PoseReference
 from services.wbc.tasks import (
     COM,
     FEET,

@@ -32,7 +32,6 @@ from common.topics import (
 from common.wire.codec import encode
 from services.wbc.config import WbcConfig
 from services.wbc.hands import HandReference
-from services.wbc.motors import joint_gains
 from services.wbc.service import LONGEST_GAP_NS, WbcService
 
 from .bench import Bench
@@ -120,7 +119,7 @@ def test_command_carries_gains_and_grippers() -> None:
     (command,) = _of(
         desk.state(1010, (TELEOP_SETPOINT, setpoint(closure=(0.5, 1.0)))), JointCommand
     )
-    stiffness, damping = joint_gains(CONFIG.motors)
+    stiffness, damping = CONFIG.motors.per_joint()
     assert np.array_equal(command.stiffness, stiffness)
     assert np.array_equal(command.damping, damping)
     assert command.gripper_closure.tolist() == [0.5, 1.0]

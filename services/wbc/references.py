@@ -1,4 +1,4 @@
-"""What locomotion asks of the body at one instant."""
+"""References of frames and of the whole body at one instant."""
 
 from typing import NamedTuple
 
@@ -6,27 +6,43 @@ import numpy as np
 
 from common.robot.rotations import matrix_from_yaw
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.swing import PoseReference
 
 UNLOADED = 1e-3
-"""Normal force left to a foot that should carry nothing [N]."""
+"""Normal force limit of an unloaded foot [N]."""
+
+
+class PoseReference(NamedTuple):
+    """Desired pose and motion of a frame, in world or in the body frame.
+
+    Attributes:
+        position: (3,) [m].
+        rotation: (3, 3).
+        velocity: (6,) linear, angular [m/s, rad/s].
+        acceleration: (6,) linear, angular [m/s², rad/s²].
+    """
+
+    position: Array
+    rotation: Array
+    velocity: Array
+    acceleration: Array
+
 
 SwingPair = tuple[PoseReference | None, PoseReference | None]
-"""Per foot (left, right) the reference of its swing, or None for a stance foot."""
+"""Reference of the left and the right foot while it swings; None for a stance foot."""
 
 
 class BodyReference(NamedTuple):
-    """References of CoM, torso and feet, in world.
+    """References of CoM, torso and feet in world.
 
     Attributes:
         com: (3,) [m].
         com_velocity: (3,) [m/s].
         com_acceleration: (3,) [m/s²].
         dcm: (2,) planned [m].
-        torso: heading reference of torso_link (position unused).
+        torso: of torso_link; the position is not used.
         swing: references of swinging feet.
-        normal_force_max: per foot [N].
-        load: per foot share of the contact schedule, 0 (in the air) to 1.
+        normal_force_max: limit for the left and the right foot [N].
+        load: scheduled load of the left and the right foot, 0 (in the air) to 1.
     """
 
     com: Array
@@ -40,11 +56,11 @@ class BodyReference(NamedTuple):
 
 
 def heading(yaw: float, rate: float = 0.0, acceleration: float = 0.0) -> PoseReference:
-    """Reference of an upright torso with this heading [rad], its rate and acceleration."""
+    """Return the reference of an upright torso with a heading [rad, rad/s, rad/s²]."""
     up = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
     return PoseReference(np.zeros(3), matrix_from_yaw(yaw), rate * up, acceleration * up)
 
 
 def force_limits(load: tuple[float, float], full: float) -> tuple[float, float]:
-    """Upper bound of each foot's normal force [N] for a load share; ``full`` for a loaded foot."""
+    """Return the normal force limits of both feet; ``full`` is that of a loaded foot [N]."""
     return max(UNLOADED, load[0] * full), max(UNLOADED, load[1] * full)
