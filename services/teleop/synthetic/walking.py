@@ -1,4 +1,4 @@
-"""Walking to a place with the six gaits: a short search, or the rule most people would follow."""
+"""Planning of gaits to a goal: a search, or a simple rule."""
 
 import heapq
 import math
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from common.robot.pose import Pose2
 from common.schemas import Gait
-from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Sight
+from services.teleop.synthetic.observation import Observation
+from services.teleop.synthetic.operator_model import Act, OperatorModel, StrategyError
 
 STEPS: dict[Gait, Pose2] = {
     Gait.FORWARD: Pose2(x=0.2),
@@ -35,14 +35,14 @@ class Tolerance:
         return math.hypot(off.x, off.y) <= self.distance and abs(off.yaw) <= self.angle
 
 
-def seen_pose(sight: Sight) -> Pose2:
+def seen_pose(seen: Observation) -> Pose2:
     """Return where the robot is seen to stand."""
-    x, y, _ = sight.torso.position.tolist()
-    return Pose2(x, y, sight.torso.yaw)
+    x, y, _ = seen.torso.position.tolist()
+    return Pose2(x, y, seen.torso.yaw)
 
 
 def plan_gaits(here: Pose2, goal: Pose2, tolerance: Tolerance) -> list[Gait]:
-    """The fewest gaits that lead near enough to ``goal`` (A*); towards the nearest if none do."""
+    """Return the fewest gaits that lead near enough to the goal (A*), or as near as possible."""
     queue: list[tuple[float, int, Pose2, tuple[Gait, ...]]] = [(0.0, 0, here, ())]
     seen: set[tuple[int, int, int]] = set()
     best: tuple[Gait, ...] = ()
@@ -72,7 +72,7 @@ def plan_gaits(here: Pose2, goal: Pose2, tolerance: Tolerance) -> list[Gait]:
 
 
 def rule_gait(here: Pose2, goal: Pose2, tolerance: Tolerance) -> Gait | None:
-    """The next gait by a simple rule: straighten up, go ahead, then aside; None: near enough."""
+    """Return the next gait by a rule: turn, walk, then side-step; None if near enough."""
     missing = here.to(goal)
     ahead, left, turn = missing.x, missing.y, missing.yaw
     if abs(turn) > max(tolerance.angle, math.radians(9.5)):
@@ -85,27 +85,27 @@ def rule_gait(here: Pose2, goal: Pose2, tolerance: Tolerance) -> Gait | None:
 
 
 def walk_to(
-    person: Person,
-    goal: Callable[[Sight], Pose2],
+    operator: OperatorModel,
+    goal: Callable[[Observation], Pose2],
     tolerance: Tolerance,
     *,
     by_rule: bool = False,
     most: int = 22,
 ) -> Act:
-    """Walk, looking anew after each gait.
+    """Walk to a goal, observing it again after each gait.
 
     Args:
-        person: the operator.
-        goal: where to, as seen.
-        tolerance: near enough.
-        by_rule: straighten up, go ahead, then aside; else plan the whole way.
-        most: gaits before giving up.
+        operator: model of the person.
+        goal: function from an observation to the goal.
+        tolerance: of the goal.
+        by_rule: turn, walk, then side-step; else plan the whole way.
+        most: largest number of gaits.
 
     Raises:
         StrategyError: not near enough after ``most`` gaits.
     """
     for _ in range(most):
-        here, there = seen_pose(person.sight), goal(person.sight)
+        here, there = seen_pose(operator.seen), goal(operator.seen)
         if tolerance.met(here, there):
             return True
         gait = rule_gait(here, there, tolerance) if by_rule else None
@@ -114,9 +114,9 @@ def walk_to(
             if not gaits:
                 return False
             gait = gaits[0]
-        person.note = f"{gait.name.lower().replace('_', ' ')}"
-        yield from person.gait(gait)
-        yield from person.react()
-        if person.chance(0.15):
-            yield from person.pause(abs(person.vary(0.0, 0.4)))
+        operator.note = f"{gait.name.lower().replace('_', ' ')}"
+        yield from operator.gait(gait)
+        yield from operator.react()
+        if operator.chance(0.15):
+            yield from operator.pause(abs(operator.vary(0.0, 0.4)))
     raise StrategyError(f"not at the goal after {most} gaits")

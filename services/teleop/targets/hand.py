@@ -29,18 +29,18 @@ from common.schemas.arrays import Float64Array as Array
 SIDES: Final = ("left", "right")
 
 NOMINAL_ROLL: Final = 0.5236
-"""Roll of the left hand at the nominal joint positions (its shoulder's abduction) [rad]."""
+"""Roll of the left hand at the nominal joint positions, from the shoulder's abduction [rad]."""
 HOME_POSITION: Final = (0.30, 0.26, 0.04)
-"""Home of the left hand, pointing straight ahead [m]; the right hand's is its mirror image.
+"""Home position of the left hand, which points straight ahead [m]; the right hand's is mirrored.
 
-The public TRILL configuration asks for (0.22, 0.25, 0.1) in ``base_com``. By inverse kinematics
-on the joint limits of the DRACO 3 URDF that pose is out of reach with the hand level, so home is
-the nearest comfortable pose: within 0.4 rad of no joint limit but the shoulder's.
+The public TRILL configuration uses (0.22, 0.25, 0.1) in ``base_com``. By inverse kinematics with
+the joint limits of the DRACO 3 URDF a level hand does not reach it, so home is the nearest pose in
+which all joints but the shoulder's are at least 0.4 rad from their limits.
 """
 
 
 class MotionLimits(BaseModel):
-    """How fast the targets of an operator move whose goals jump, for instance with keys."""
+    """Speeds and accelerations of targets whose goals move in steps, for instance with keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -49,19 +49,21 @@ class MotionLimits(BaseModel):
     linear_acceleration: float = Field(default=2.0, gt=0.0, description="[m/s²]")
     angular_acceleration: float = Field(default=12.0, gt=0.0, description="[rad/s²]")
     settling: float = Field(default=0.2, gt=0.0, description="time constant of the approach [s]")
-    closure_speed: float = Field(default=2.0, gt=0.0, description="gripper strokes a second")
+    closure_speed: float = Field(default=2.0, gt=0.0, description="of a gripper [strokes/s]")
     neck_speed: float = Field(default=1.0, gt=0.0, description="[rad/s]")
-    lead_distance: float = Field(default=0.08, gt=0.0, description="of a stepped goal [m]")
-    lead_angle: float = Field(default=0.4, gt=0.0, description="of a stepped goal [rad]")
+    lead_distance: float = Field(
+        default=0.08, gt=0.0, description="largest lead of a goal moved in steps [m]"
+    )
+    lead_angle: float = Field(default=0.4, gt=0.0, description="likewise, rotation [rad]")
 
 
 def hand_quaternion(roll: float, pitch: float, yaw: float) -> Array:
-    """Orientation (4,) of a forward-pointing hand turned about the body axes [rad]."""
+    """Return the quaternion (4,) of a hand rotated about body axes from pointing ahead [rad]."""
     return multiply(quaternion_from_rpy(roll, pitch, yaw), FORWARD_HAND)
 
 
 def hand_rpy(quaternion: Array) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] by which a hand is turned from pointing straight ahead."""
+    """Return roll, pitch and yaw of a hand relative to pointing ahead [rad]."""
     return rpy_from_quaternion(multiply(quaternion, conjugate(FORWARD_HAND)))
 
 
@@ -77,8 +79,17 @@ def home_pose(side: str) -> Pose:
     return Pose(np.array(HOME_POSITION) * (1.0, sign, 1.0), FORWARD_HAND.copy())
 
 
+def minimum_jerk(share: float) -> float:
+    """Return the share of the way that a minimum-jerk motion has covered after a share of its time.
+
+    Source: T. Flash and N. Hogan, "The coordination of arm movements", J. Neuroscience 5 (1985).
+    """
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
 def _pursue(error: Array, velocity: Array, speed: float, change: float, settling: float) -> Array:
-    """Next velocity towards a goal ``error`` away, within ``speed`` and ``change`` of velocity."""
+    """Return the next velocity towards a goal ``error`` away, within limits of speed and change."""
     return clamp_norm(
         velocity + clamp_norm(clamp_norm(error / settling, speed) - velocity, change), speed
     )
@@ -86,7 +97,7 @@ def _pursue(error: Array, velocity: Array, speed: float, change: float, settling
 
 @dataclass
 class HandTarget:
-    """One hand's target pose and the goal it moves to, in the body frame.
+    """Target pose of one hand and the goal it moves to, in the body frame.
 
     The controller keeps what is published within the workspace. Here only goals that grow step by
     step are kept there too, so that a key held down does not pile up steps to take back.
@@ -95,7 +106,7 @@ class HandTarget:
         side: ``left`` or ``right``.
         limits: speeds and accelerations.
         position, quaternion: the target as published; starts at the nominal hand pose.
-        goal_position, goal_quaternion: where it is going.
+        goal_position, goal_quaternion: pose to which the target moves.
     """
 
     side: str
@@ -121,9 +132,9 @@ class HandTarget:
         self.goal_position, self.goal_quaternion = pose.position, pose.quaternion
 
     def shift(self, step: Array) -> None:
-        """Move the goal by ``step`` (3,) [m], at most ``lead_distance`` ahead of the target.
+        """Move the goal by ``step`` (3,), at most ``lead_distance`` ahead of the target [m].
 
-        The lead keeps a held key from piling up a long motion that goes on after its release.
+        The limit prevents a long motion that goes on after the release of a key.
         """
         lead = self.goal_position + step - self.position
         ahead = max(
@@ -132,7 +143,7 @@ class HandTarget:
         self.goal_position = clamp_to_workspace(self.side, self.position + clamp_norm(lead, ahead))
 
     def turn(self, rotation: Array) -> None:
-        """Turn the goal by ``rotation`` (3,) [rad] about body axes; ``lead_angle`` at most."""
+        """Rotate the goal by ``rotation`` (3,) about body axes, at most ``lead_angle`` ahead."""
         ahead = max(
             self.limits.lead_angle,
             float(np.linalg.norm(rotation_between(self.quaternion, self.goal_quaternion))),
@@ -141,7 +152,7 @@ class HandTarget:
         self.goal_quaternion = rotate(self.quaternion, clamp_norm(lead, ahead))
 
     def approach(self, dt: float) -> None:
-        """Move smoothly towards the goal for ``dt`` [s]: limited speed and acceleration."""
+        """Move the target towards the goal for ``dt`` [s] with limited speed and acceleration."""
         limits = self.limits
         self._velocity = _pursue(
             self.goal_position - self.position,
@@ -162,10 +173,10 @@ class HandTarget:
 
     @property
     def distance(self) -> float:
-        """From the target to its goal [m]."""
+        """Distance from the target to its goal [m]."""
         return float(np.linalg.norm(self.goal_position - self.position))
 
     @property
     def angle(self) -> float:
-        """From the target's orientation to its goal's [rad]."""
+        """Angle from the target to its goal [rad]."""
         return float(np.linalg.norm(rotation_between(self.quaternion, self.goal_quaternion)))

@@ -20,7 +20,7 @@ def _towards(value: Array, goal: Array, largest: float) -> Array:
 
 @dataclass
 class OperatorTargets:
-    """All that a set-point holds: two hands, two grippers and the neck.
+    """Targets of a set-point: two hands, two grippers and the neck.
 
     Attributes:
         limits: speeds and accelerations.
@@ -40,7 +40,7 @@ class OperatorTargets:
         self.hands = {side: HandTarget(side, self.limits) for side in SIDES}
 
     def grip(self, side: str, closure: float) -> None:
-        """Set the goal of gripper ``side``, 0 open to 1 closed."""
+        """Set the goal of the gripper ``side``, 0 open to 1 closed."""
         goal = self.goal_closure.copy()
         goal[SIDES.index(side)] = np.clip(closure, 0.0, 1.0)
         self.goal_closure = goal
@@ -50,7 +50,7 @@ class OperatorTargets:
         self.goal_neck = float(np.clip(pitch, _NECK.lower, _NECK.upper))
 
     def adopt(self, setpoint: Setpoint) -> None:
-        """Take over where another operator's set-points left off."""
+        """Continue from another operator's set-point."""
         poses = {
             "left": (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
             "right": (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
@@ -62,7 +62,7 @@ class OperatorTargets:
         self.neck = self.goal_neck
 
     def advance(self, dt: float) -> None:
-        """Move everything towards its goal for ``dt`` [s]."""
+        """Move all targets towards their goals for ``dt`` [s]."""
         for hand in self.hands.values():
             hand.approach(dt)
         limits = self.limits
@@ -71,7 +71,7 @@ class OperatorTargets:
         self.neck += float(np.clip(self.goal_neck - self.neck, -step, step))
 
     def setpoint(self, stamp: int) -> Setpoint:
-        """The set-point message; ``stamp`` is the robot time [ns] the operator acted on."""
+        """Return the set-point message; ``stamp`` is the robot time the operator acted on [ns]."""
         left, right = self.hands["left"], self.hands["right"]
         return Setpoint(
             header=Header(stamp=stamp),

@@ -66,8 +66,8 @@ def sample(
     )
 
 
-def poses(ingress: HeadsetMapper) -> Array:
-    setpoint = ingress.setpoint()
+def poses(mapper: HeadsetMapper) -> Array:
+    setpoint = mapper.setpoint()
     return np.concatenate(
         [
             setpoint.left_hand_position_in_body,
@@ -86,10 +86,10 @@ def kept(values: Array) -> Array:
 
 
 def fed(*samples: DeviceInput | None) -> HeadsetMapper:
-    ingress = HeadsetMapper()
+    mapper = HeadsetMapper()
     for i, item in enumerate(samples):
-        ingress.take(item, i * DT)
-    return ingress
+        mapper.update(item, i * DT)
+    return mapper
 
 
 @relaxed
@@ -143,21 +143,21 @@ interruptions = st.sampled_from(["squeeze", "tracking", "silence"])
 def test_engaging_anew_never_jumps(
     moved: Array, turn: Array, elsewhere: Array, away: Array, how: str, yaw: float
 ) -> None:
-    ingress = fed(sample(controller()), sample(controller(moved, turn, trigger=0.7)))
-    before = kept(poses(ingress))
+    mapper = fed(sample(controller()), sample(controller(moved, turn, trigger=0.7)))
+    before = kept(poses(mapper))
     now = 2 * DT
     if how == "squeeze":
-        ingress.take(sample(controller(moved, turn, squeeze=0.2)), now)
+        mapper.update(sample(controller(moved, turn, squeeze=0.2)), now)
     elif how == "tracking":
-        ingress.take(sample(controller(elsewhere, away, tracked=False)), now)
+        mapper.update(sample(controller(elsewhere, away, tracked=False)), now)
     else:
         now += 1.0
-        ingress.take(None, now)
-    assert not ingress.hands["left"].engaged
-    np.testing.assert_allclose(poses(ingress), before, atol=1e-12)
-    ingress.take(sample(controller(elsewhere, away), rpy=(0.0, 0.0, yaw)), now + DT)
-    assert ingress.hands["left"].engaged
-    np.testing.assert_allclose(poses(ingress), before, atol=1e-12)
+        mapper.update(None, now)
+    assert not mapper.hands["left"].engaged
+    np.testing.assert_allclose(poses(mapper), before, atol=1e-12)
+    mapper.update(sample(controller(elsewhere, away), rpy=(0.0, 0.0, yaw)), now + DT)
+    assert mapper.hands["left"].engaged
+    np.testing.assert_allclose(poses(mapper), before, atol=1e-12)
 
 
 @relaxed
@@ -193,23 +193,23 @@ def test_mirrored_inputs_mirror_the_outputs(
 
 def test_a_hand_sent_out_of_the_workspace_obeys_at_once_when_engaged_anew() -> None:
     far, back = np.array([9.0, 0.0, 0.0]), np.array([8.95, 0.0, 0.0])
-    ingress = fed(sample(controller(np.zeros(3))), sample(controller(far)))
+    mapper = fed(sample(controller(np.zeros(3))), sample(controller(far)))
     rest = fed().hands["left"].target.position
-    np.testing.assert_allclose(ingress.hands["left"].target.position, rest + far)
-    ingress.take(sample(controller(far, squeeze=0.0)), 2 * DT)
-    assert ingress.hands["left"].target.position[0] == pytest.approx(0.56)
-    ingress.take(sample(controller(far)), 3 * DT)
-    ingress.take(sample(controller(back)), 4 * DT)
-    assert ingress.hands["left"].target.position[0] == pytest.approx(0.51)
+    np.testing.assert_allclose(mapper.hands["left"].target.position, rest + far)
+    mapper.update(sample(controller(far, squeeze=0.0)), 2 * DT)
+    assert mapper.hands["left"].target.position[0] == pytest.approx(0.56)
+    mapper.update(sample(controller(far)), 3 * DT)
+    mapper.update(sample(controller(back)), 4 * DT)
+    assert mapper.hands["left"].target.position[0] == pytest.approx(0.51)
 
 
 def test_a_gripper_waits_for_its_trigger_after_engaging() -> None:
-    ingress = fed(sample(controller()), sample(controller(trigger=1.0)))
-    assert ingress.hands["left"].closure == 1.0
-    ingress.take(sample(controller(squeeze=0.0)), 0.1)
+    mapper = fed(sample(controller()), sample(controller(trigger=1.0)))
+    assert mapper.hands["left"].closure == 1.0
+    mapper.update(sample(controller(squeeze=0.0)), 0.1)
     for i, (trigger, closure) in enumerate([(0.0, 1.0), (0.5, 1.0), (0.95, 0.95), (0.3, 0.3)]):
-        ingress.take(sample(controller(trigger=trigger)), 0.15 + i * DT)
-        assert ingress.hands["left"].closure == closure
+        mapper.update(sample(controller(trigger=trigger)), 0.15 + i * DT)
+        assert mapper.hands["left"].closure == closure
 
 
 @pytest.mark.parametrize("button", list(Button))
@@ -218,29 +218,29 @@ def test_each_gait_has_a_button_and_each_press_is_one_request(button: Button) ->
     rest = controller(squeeze=0.0)
     pressed = rest.model_copy(update={name: True})
     down = sample(pressed, rest) if hand == "left" else sample(rest, pressed)
-    ingress = HeadsetMapper(first_id=40)
-    assert ingress.take(sample(rest, rest), 0.0) == []
-    asked = [r for i in range(1, 5) for r in ingress.take(down, i * DT)]
+    mapper = HeadsetMapper(first_id=40)
+    assert mapper.update(sample(rest, rest), 0.0) == []
+    asked = [r for i in range(1, 5) for r in mapper.update(down, i * DT)]
     assert [(r.request_id, r.gait) for r in asked] == [(40, GAIT_BUTTONS[button])]
-    ingress.take(sample(rest, rest), 0.3)
-    assert [r.request_id for r in ingress.take(down, 0.35)] == [41]
+    mapper.update(sample(rest, rest), 0.3)
+    assert [r.request_id for r in mapper.update(down, 0.35)] == [41]
     assert sorted(GAIT_BUTTONS.values()) == [gait for gait in Gait if gait is not Gait.NONE]
 
 
 def test_a_button_pressed_during_a_silence_asks_for_nothing() -> None:
     rest, down = sample(), sample(controller(squeeze=0.0, upper=True))
-    ingress = fed(rest)
-    ingress.take(None, 1.0)
-    assert ingress.take(down, 1.05) == []
-    ingress.take(rest, 1.1)
-    assert [request.gait for request in ingress.take(down, 1.15)] == [Gait.FORWARD]
+    mapper = fed(rest)
+    mapper.update(None, 1.0)
+    assert mapper.update(down, 1.05) == []
+    mapper.update(rest, 1.1)
+    assert [request.gait for request in mapper.update(down, 1.15)] == [Gait.FORWARD]
 
 
 def test_an_untracked_head_engages_nothing_and_leaves_the_neck() -> None:
-    ingress = fed(sample(rpy=(0.0, 0.3, 0.0)))
-    ingress.take(sample(controller(), rpy=(0.0, 0.9, 0.0), tracked=False), DT)
-    assert not ingress.hands["left"].engaged
-    assert ingress.neck == pytest.approx(0.3)
+    mapper = fed(sample(rpy=(0.0, 0.3, 0.0)))
+    mapper.update(sample(controller(), rpy=(0.0, 0.9, 0.0), tracked=False), DT)
+    assert not mapper.hands["left"].engaged
+    assert mapper.neck == pytest.approx(0.3)
 
 
 @relaxed
