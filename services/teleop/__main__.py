@@ -59,10 +59,10 @@ hand pointing ahead:
 """
 
 SYNTHETIC = """Do a scored task as a person with a headset and two hand controllers would: observe
-the robot and the objects through the feedback link, react, reach, press buttons, wait and correct. The
-plant must run the same task (python -m services.sim --task ...). The exit code is 0 if the operator
-completed its plan, 1 if it gave up (the last line gives the reason), 2 if an option is wrong. The
-plant reports on task/status whether the task was a success."""
+the robot and the objects through the feedback link, react, reach, press buttons, wait and correct.
+The plant must run the same task (python -m services.sim --task ...). The exit code is 0 if the
+operator completed its plan, 1 if it gave up (the last line gives the reason), 2 if an option is
+wrong. The plant reports on task/status whether the task was a success."""
 
 SYNTHETIC_EXAMPLES = """examples:
   python -m services.teleop synthetic --task door/unlock --seed 3
@@ -71,8 +71,8 @@ SYNTHETIC_EXAMPLES = """examples:
 """
 
 KEYBOARD = """Operate the robot from this terminal. A key press moves the hands smoothly by 2 cm or
-5 degrees. A gait requested while the robot walks is refused, and the screen shows it. While a script
-is running this operator only watches; it takes over when the script ends."""
+5 degrees. A gait requested while the robot walks is refused, and the screen shows it. While a
+script is running this operator only watches; it takes over when the script ends."""
 
 M = TypeVar("M", bound=BaseModel)
 
