@@ -70,42 +70,14 @@ def unlock(operator: OperatorModel) -> Act:
 
 
 def press_and_push(operator: OperatorModel, pusher: str, *, first: bool) -> Act:
-    """Come from beside the lever, press it and push the leaf; succeeds if the leaf opens.
-
-    From the front the fist would meet the lever, for close to the body the arm does not reach high.
+    """Press the lever and push the leaf; succeeds if the leaf opens.
 
     Args:
         operator: model of the person.
         pusher: side of the hand that pushes the leaf.
         first: whether this is the first attempt; at a later one the hand stops beside the lever.
     """
-    aside, ahead = operator.vary(0.006, 0.008), operator.vary(0.014, 0.006)
-    hover = operator.vary(0.07, 0.006)
-    before, outside = operator.vary(0.03, 0.01), operator.vary(0.20, 0.012)
-    roll = operator.vary(0.0, 0.06)
-    rest = operator.seen.pose_of("lever_grip").position
-    operator.note = "to the lever"
-
-    def beside(seen: Observation) -> Pose:
-        return level_hand(seen, rest + np.array([-before, outside, hover]), roll)
-
-    def above(seen: Observation) -> Pose:
-        return level_hand(seen, rest + np.array([ahead, aside, hover]), roll)
-
-    stop = not first or operator.chance(0.4)
-    yield from operator.together(
-        operator.grip(SIDE, 1.0),
-        operator.reach(
-            SIDE,
-            beside,
-            speed=operator.vary(1.1, 0.15),
-            tolerance=0.04,
-            through=not stop,
-        ),
-    )
-    yield from operator.reach(
-        SIDE, above, speed=operator.vary(0.9, 0.12), tolerance=0.02, corrections=2
-    )
+    yield from above_lever(operator, first=first)
     operator.note = "pressing the lever"
     pressed = yield from operator.push(
         SIDE,
@@ -129,6 +101,37 @@ def press_and_push(operator: OperatorModel, pusher: str, *, first: bool) -> Act:
         lead=LEAD,
     )
     return opened
+
+
+def above_lever(operator: OperatorModel, *, first: bool) -> Act:
+    """Move the fist above the lever, from beside it.
+
+    From the front the fist would meet the lever, for close to the body the arm does not reach high.
+    """
+    aside, ahead = operator.vary(0.006, 0.008), operator.vary(0.014, 0.006)
+    hover = operator.vary(0.07, 0.006)
+    before, outside = operator.vary(0.03, 0.01), operator.vary(0.20, 0.012)
+    roll = operator.vary(0.0, 0.06)
+    rest = operator.seen.pose_of("lever_grip").position
+    operator.note = "to the lever"
+
+    def beside(seen: Observation) -> Pose:
+        return level_hand(seen, rest + np.array([-before, outside, hover]), roll)
+
+    def above(seen: Observation) -> Pose:
+        return level_hand(seen, rest + np.array([ahead, aside, hover]), roll)
+
+    through = first and not operator.chance(0.4)
+    yield from operator.together(
+        operator.grip(SIDE, 1.0),
+        operator.reach(
+            SIDE, beside, speed=operator.vary(1.1, 0.15), tolerance=0.04, through=through
+        ),
+    )
+    yield from operator.reach(
+        SIDE, above, speed=operator.vary(0.9, 0.12), tolerance=0.02, corrections=2
+    )
+    return True
 
 
 def leaf_ahead(seen: Observation) -> float:
