@@ -139,16 +139,16 @@ def _repair_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _repair(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import repair_lines
-    from services.logger.read.parts import existing_parts, part
+    from services.logger.read.segments import existing_segments, segment
     from services.logger.repair.repair import repair
 
     code = 0
-    for number, path in enumerate(existing_parts(_log_file(arguments.log)), start=1):
-        out = None if arguments.out is None else part(arguments.out, number)
+    for number, path in enumerate(existing_segments(_log_file(arguments.log)), start=1):
+        out = None if arguments.out is None else segment(arguments.out, number)
         try:
             with _bar(path.name) as progress:
                 done = repair(
-                    path, out, discard_original=arguments.discard_original, progress=progress
+                    path, out, discard_original=arguments.discard_original, on_progress=progress
                 )
         except TrillError as error:
             print(f"trill: {error}", file=sys.stderr)

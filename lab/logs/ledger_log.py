@@ -18,7 +18,7 @@ from common.topics import HEALTH, JOURNAL, LINK_CHANGE
 from common.wire.codec import decode
 from lab.errors import LabError
 from lab.monitor.ledger_text import LEGEND, add_stages, plain_table, stage_cells, styled
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 
 _SCHEMAS: dict[str, Any] = {
     JOURNAL.name: StepJournal, HEALTH.name: ServiceHealth, LINK_CHANGE.name: LinkChange,
@@ -63,7 +63,7 @@ def ledger_table(
     """
     ledger = Ledger()
     unreadable = first_ns = last_ns = 0
-    for entry in log.entries():
+    for entry in log.raw_messages():
         first_ns = first_ns or entry.log_time
         last_ns = max(last_ns, entry.log_time)
         if entry.topic is None or entry.topic.name not in _SCHEMAS:
@@ -91,7 +91,7 @@ def ledger_table(
     return LedgerTable(rows, tuple(ledger.links()), seconds, unreadable + ledger.unreadable)
 
 
-def _span(entry: Entry, first_ns: int, begin: float, end: float) -> tuple[int, int]:
+def _span(entry: RecordedMessage, first_ns: int, begin: float, end: float) -> tuple[int, int]:
     """The span on the consumer's clock, by the message that brought its journal.
 
     That the message itself was under way for a millisecond or so does not matter here.

@@ -5,11 +5,11 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from services.logger.read.counts import total
+from services.logger.read.delivery import total
 from services.logger.read.episodes import Episode
-from services.logger.read.info import LogInfo, PartInfo, TopicInfo
+from services.logger.read.info import LogInfo, SegmentInfo, TopicInfo
 from services.logger.record.units import format_duration, format_size
-from services.logger.repair.repair import Repair
+from services.logger.repair.repair import RepairResult
 
 _MAX_LINKS = 20
 
@@ -24,13 +24,13 @@ def info_lines(info: LogInfo) -> list[str]:
 def as_json(info: LogInfo) -> dict[str, Any]:
     """The same for a program."""
     return {
-        "parts": [asdict(part) | {"path": str(part.path)} for part in info.parts],
+        "segments": [asdict(part) | {"path": str(part.path)} for part in info.segments],
         "whole": info.whole,
         "topics": [
             asdict(one) | {"rate": one.rate, "sent": one.count.sent, "missing": one.count.missing}
             for one in info.topics
         ],
-        "services": info.lives,
+        "services": info.boots,
         "episodes": [asdict(one) for one in info.episodes],
         "links": [
             {"at_ns": one.at_ns, **one.change.model_dump(exclude={"header"})} for one in info.links
@@ -38,20 +38,20 @@ def as_json(info: LogInfo) -> dict[str, Any]:
     }
 
 
-def repair_lines(done: Repair) -> list[str]:
+def repair_lines(done: RepairResult) -> list[str]:
     """What became of one file."""
     if not done.fault:
-        if done.result != done.path:
-            return [f"{done.path} is whole; copied to {done.result}"]
+        if done.output != done.path:
+            return [f"{done.path} is whole; copied to {done.output}"]
         return [f"{done.path} is whole; nothing was changed"]
     losses = done.losses
-    lines = [f"{done.path}: {done.fault}", f"  saved {done.messages} messages to {done.result}"]
+    lines = [f"{done.path}: {done.fault}", f"  saved {done.messages} messages to {done.output}"]
     if losses.partial_messages:
         lines.append(f"  {losses.partial_messages} of them from a chunk that was cut off")
-    if losses.damaged_chunks or losses.skipped or done.unknown:
+    if losses.damaged_chunks or losses.unreadable_bytes or done.unknown:
         lines.append(
-            f"  not readable: {losses.damaged_chunks} damaged chunks, {losses.skipped} bytes "
-            f"without meaning, {done.unknown} messages of unknown topics"
+            f"  not readable: {losses.damaged_chunks} damaged chunks, {losses.unreadable_bytes} "
+            f"other bytes, {done.unknown} messages of unknown topics"
         )
     count = total(done.report)
     lines.append(f"  account: {count.sent} sent, {count.missing} of them missing")
@@ -61,17 +61,17 @@ def repair_lines(done: Repair) -> list[str]:
 
 
 def _head(info: LogInfo) -> list[str]:
-    first, last = info.parts[0], info.parts[-1]
+    first, last = info.segments[0], info.segments[-1]
     origin = info.origin
-    size = sum(part.size for part in info.parts)
-    messages = sum(part.messages for part in info.parts)
+    size = sum(part.size for part in info.segments)
+    messages = sum(part.messages for part in info.segments)
     lines = [
         f"robot      {origin.get('robot', 'not known')}, recorded on "
         f"{origin.get('host', 'an unknown host')}",
         f"start      {_wall(first, first.start_ns)}",
         f"end        {_wall(last, last.end_ns)}",
         f"duration   {format_duration(_seconds(info))}  ({messages} messages, {format_size(size)})",
-        "file       " + "\n           ".join(_part_line(part) for part in info.parts),
+        "file       " + "\n           ".join(_part_line(part) for part in info.segments),
     ]
     chosen = [f"{n} {origin[n]}" for n in ("topics", "exclude") if origin.get(n)]
     if chosen:
@@ -79,7 +79,7 @@ def _head(info: LogInfo) -> list[str]:
     return lines
 
 
-def _part_line(part: PartInfo) -> str:
+def _part_line(part: SegmentInfo) -> str:
     if part.whole:
         state = "whole, repaired" if part.repaired else "whole"
     elif part.open:
@@ -90,10 +90,10 @@ def _part_line(part: PartInfo) -> str:
 
 
 def _services(info: LogInfo) -> list[str]:
-    if not info.lives:
+    if not info.boots:
         return []
     lines = ["services"]
-    for source, boots in sorted(info.lives.items()):
+    for source, boots in sorted(info.boots.items()):
         again = f", started {len(boots)} times" if len(boots) > 1 else ""
         lines.append(f"  {source or '(unnamed)'}: boot {', '.join(map(_boot, boots))}{again}")
     return lines
@@ -134,9 +134,9 @@ def _topic_line(topic: TopicInfo, width: int) -> str:
 def _episodes(info: LogInfo) -> list[str]:
     if not info.episodes:
         return []
-    begin = info.parts[0].start_ns
+    begin = info.segments[0].start_ns
     lines = [f"{'episode':>7} {'start':>9} {'length':>9}  {'outcome':<11} label"]
-    lines += [_episode_line(one, begin, info.parts[-1].end_ns) for one in info.episodes]
+    lines += [_episode_line(one, begin, info.segments[-1].end_ns) for one in info.episodes]
     return lines
 
 
@@ -149,7 +149,7 @@ def _episode_line(one: Episode, begin_ns: int, end_ns: int) -> str:
 def _links(info: LogInfo) -> list[str]:
     if not info.links:
         return []
-    begin = info.parts[0].start_ns
+    begin = info.segments[0].start_ns
     lines = ["injected links"]
     for link in info.links[:_MAX_LINKS]:
         change = link.change
@@ -164,13 +164,13 @@ def _links(info: LogInfo) -> list[str]:
 
 
 def _seconds(info: LogInfo) -> float:
-    spans: Iterable[int] = (part.end_ns - part.start_ns for part in info.parts)
+    spans: Iterable[int] = (part.end_ns - part.start_ns for part in info.segments)
     # Two parts of a machine that was started again in between have clocks of their own.
-    begin, end = info.parts[0].start_ns, info.parts[-1].end_ns
+    begin, end = info.segments[0].start_ns, info.segments[-1].end_ns
     return 1e-9 * (end - begin if end >= begin else sum(spans))
 
 
-def _wall(part: PartInfo, at_ns: int) -> str:
+def _wall(part: SegmentInfo, at_ns: int) -> str:
     wall = part.wall_ns(at_ns)
     if not wall or not at_ns:
         return "not known"

@@ -24,7 +24,7 @@ from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
 from deploy.process import terminated_as_interrupted
 from lab.errors import LabError
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 
 SERVICE = "replay"
 """Its place in the port table."""
@@ -104,7 +104,7 @@ def extent_of(path: Path) -> Extent:
     reader = LogReader(path)
     start: int | None = None
     end = 0
-    for entry in reader.entries():
+    for entry in reader.raw_messages():
         start = entry.log_time if start is None else min(start, entry.log_time)
         end = max(end, entry.log_time)
     if start is None:
@@ -131,7 +131,7 @@ class Player:
         """
         began = looked = time.monotonic()
         first, last = self._options.window
-        for entry in LogReader(self._path).entries():
+        for entry in LogReader(self._path).raw_messages():
             place = 1e-9 * (entry.log_time - self._extent.start_ns)
             if place > last:
                 break
@@ -151,16 +151,16 @@ class Player:
             self._publish(entry)
             yield place
 
-    def _chosen(self, entry: Entry) -> bool:
+    def _chosen(self, entry: RecordedMessage) -> bool:
         patterns = self._options.topics
         name = entry.topic.name if entry.topic else self._tail(entry)
         return not patterns or any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
 
-    def _tail(self, entry: Entry) -> str:
+    def _tail(self, entry: RecordedMessage) -> str:
         """The key without the robot's name."""
         return entry.key.removeprefix(f"{self._extent.robot}/")
 
-    def _publish(self, entry: Entry) -> None:
+    def _publish(self, entry: RecordedMessage) -> None:
         publisher = self._publishers.get((entry.key, entry.tag))
         if publisher is None:
             priority = entry.topic.priority if entry.topic else Priority.INTERACTIVE

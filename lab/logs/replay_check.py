@@ -69,7 +69,7 @@ def recorded(path: Path) -> Iterator[Recorded]:
     Raises:
         LoggerError: the file cannot be read.
     """
-    for entry in LogReader(path).entries():
+    for entry in LogReader(path).raw_messages():
         if entry.topic is not None:
             yield Recorded(entry.topic, entry.payload, entry.tag, entry.log_time)
 
@@ -151,7 +151,7 @@ class Checker:
         if self._options.out is None:
             return 0
         reader = LogReader(self._path)
-        next(iter(reader.entries()), None)
+        next(iter(reader.raw_messages()), None)
         robot = reader.origin.get("robot", "draco3")
         sink = McapSink(self._options.out, robot, LoggerConfig())
         for now, topic, payload in sorted(self._said, key=lambda item: item[0]):

@@ -15,7 +15,7 @@ from common.runtime.live.realtime import enter_realtime
 from common.runtime.live.stopping import StopSignals
 from common.transport.config import split_list
 from services.logger.errors import LoggerError
-from services.logger.read.tally import format_report
+from services.logger.read.delivery import format_report
 from services.logger.record.config import LoggerConfig
 from services.logger.record.service import LoggerService, Order, record
 from services.logger.record.units import parse_duration, parse_size

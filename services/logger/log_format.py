@@ -1,4 +1,7 @@
-"""What a log consists of besides messages: its profile, metadata records and compression."""
+"""What a log holds beside messages: its profile, metadata records and compression.
+
+The names of metadata records stand in the files; changing one makes earlier logs unreadable.
+"""
 
 import errno
 import shutil
@@ -10,19 +13,19 @@ from services.logger.errors import LoggerError
 
 PROFILE = "trill"
 START_METADATA = "recording"
-"""How the recording was made; the first record of each part."""
+"""How the recording was made; the first record of each segment."""
 CARRIED_METADATA = "carried"
-"""In a part that continues another: the account of all before it, and the open episode."""
+"""In a segment that continues another: delivery statistics so far, and the open episode."""
 DROPS_METADATA = "drops"
-"""What the logger had to drop since the last such record."""
+"""What the logger dropped since the last such record."""
 EPISODE_METADATA = "episode"
 """One finished episode."""
-ACCOUNT_METADATA = "account"
-"""At the end: every sequence number, as runs, of the recording up to here."""
+DELIVERY_METADATA = "account"
+"""At the end: the delivery statistics of the recording up to here, with all sequence numbers."""
 REPORT_METADATA = "report"
-"""At the end: counts by key of the recording up to here."""
+"""At the end: delivery counts by key of the recording up to here."""
 REPAIR_METADATA = "repair"
-"""Written by the repair: what was saved, what could not be."""
+"""Written by the repair: what was wrong and what could not be read."""
 
 COMPRESSION = {
     "zstd": CompressionType.ZSTD,

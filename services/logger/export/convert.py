@@ -13,7 +13,7 @@ from services.logger.export.errors import ExportError
 from services.logger.export.output import ExportFile
 from services.logger.export.robot import RobotModel
 from services.logger.export.routes import NOT_EXPORTED, Routes
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 
 Progress = Callable[[int, int], None]
 """Told how many messages are done, and of how many."""
@@ -69,7 +69,7 @@ def export_log(
     """
     if out.exists() and log.exists() and out.samefile(log):
         raise ExportError(f"{out} is the log itself; give another -o")
-    names = Counter(_name(entry) for entry in LogReader(log).entries())
+    names = Counter(_name(entry) for entry in LogReader(log).raw_messages())
     for pattern in topics:
         if not any(fnmatchcase(name, pattern) for name in names):
             known = ", ".join(sorted(names)) or "none"
@@ -79,7 +79,7 @@ def export_log(
     reader = LogReader(log)
     job = _Job(reader, Routes(robot), topics, summary)
     with ExportFile(out, force=force) as file:
-        for done, entry in enumerate(reader.entries()):
+        for done, entry in enumerate(reader.raw_messages()):
             if done % _TELL_EVERY == 0:
                 progress(done, names.total())
             job.convert(entry, file)
@@ -107,7 +107,7 @@ class _Job:
         self._first: int | None = None
         self._last = 0
 
-    def convert(self, entry: Entry, file: ExportFile) -> None:
+    def convert(self, entry: RecordedMessage, file: ExportFile) -> None:
         """Write what becomes of ``entry``, or say why nothing does."""
         name = _name(entry)
         reason = self._unwanted(entry, name)
@@ -149,7 +149,7 @@ class _Job:
         left = self._summary.left_out.items()
         return "; ".join(f"{name}: {reason}" for name, (_, reason) in left) or "it has no messages"
 
-    def _unwanted(self, entry: Entry, name: str) -> str:
+    def _unwanted(self, entry: RecordedMessage, name: str) -> str:
         if self._topics and not any(fnmatchcase(name, pattern) for pattern in self._topics):
             return "not among --topics"
         if entry.topic is None:
@@ -157,7 +157,7 @@ class _Job:
         return NOT_EXPORTED.get(entry.topic.name, "")
 
 
-def _name(entry: Entry) -> str:
+def _name(entry: RecordedMessage) -> str:
     """The key without the robot."""
     return entry.key.partition("/")[2] or entry.key
 

@@ -4,7 +4,7 @@ import threading
 
 from common.transport.tap import RawSample
 from common.wire.header import wire_header
-from services.logger.read.tally import Tally
+from services.logger.read.delivery import DeliveryStats
 
 
 class Intake:
@@ -21,7 +21,7 @@ class Intake:
         self._lock = threading.Lock()
         self._queue: list[RawSample] = []
         self._bytes = 0
-        self._drops = Tally()
+        self._drops = DeliveryStats()
         self.dropped = 0
         """Messages dropped so far."""
 
@@ -45,10 +45,10 @@ class Intake:
             taken, self._queue, self._bytes = self._queue, [], 0
         return taken
 
-    def take_drops(self) -> Tally:
+    def take_drops(self) -> DeliveryStats:
         """What was dropped since the last call."""
         with self._lock:
             if not self._drops:
                 return self._drops
-            taken, self._drops = self._drops, Tally()
+            taken, self._drops = self._drops, DeliveryStats()
         return taken

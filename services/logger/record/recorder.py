@@ -18,13 +18,13 @@ from common.wire.codec import decode
 from common.wire.header import wire_header
 from services.logger.errors import LoggerError
 from services.logger.log_format import (
-    ACCOUNT_METADATA,
     CARRIED_METADATA,
+    DELIVERY_METADATA,
     DROPS_METADATA,
     EPISODE_METADATA,
 )
+from services.logger.read.delivery import DeliveryCount, DeliveryStats, report_to_metadata, total
 from services.logger.read.episodes import EpisodeBook
-from services.logger.read.tally import KeyCount, Tally, to_metadata, total
 from services.logger.record.config import LoggerConfig
 from services.logger.record.intake import Intake
 from services.logger.record.sink import McapSink
@@ -72,7 +72,7 @@ class Recorder:
         self._config = config
         self._next_sink = next_sink
         self._episode_key = key_of(robot, EPISODE, "")
-        self._tally = Tally()
+        self._delivery = DeliveryStats()
         self._described: Mapping[str, Description] | None = None
         self._known: Mapping[str, Description] = {}
         self._began = time.monotonic()
@@ -99,7 +99,7 @@ class Recorder:
         """Say what senders say of their keys, from any thread."""
         self._described = dict(descriptions)
 
-    def stop(self) -> dict[str, KeyCount]:
+    def stop(self) -> dict[str, DeliveryCount]:
         """Record what is still queued, close the file and return the counts.
 
         Raises:
@@ -115,7 +115,7 @@ class Recorder:
             self._sink.note(EPISODE_METADATA, episode.to_metadata())
         self._finish()
         self._sink.release()
-        return self._tally.report()
+        return self._delivery.report()
 
     def _run(self) -> None:
         next_look = time.monotonic()
@@ -127,7 +127,7 @@ class Recorder:
                     self._sink.flush()
                     next_flush = time.monotonic() + self._config.flush_period
                 if time.monotonic() >= next_look:
-                    self.lost = total(self._tally.report()).lost
+                    self.lost = total(self._delivery.report()).lost
                     self.undescribed = self._sink.undescribed
                     next_look = time.monotonic() + 1.0
             self._drain()
@@ -152,14 +152,14 @@ class Recorder:
                 self._rotate(self._next_sink)
         drops = self.intake.take_drops()
         if drops:
-            self._tally.add_drops(drops)
-            self._sink.note(DROPS_METADATA, drops.state())
+            self._delivery.add_drops(drops)
+            self._sink.note(DROPS_METADATA, drops.to_metadata())
 
     def _record(self, sample: RawSample) -> None:
         header = wire_header(sample.payload)
         self._sink.write(sample, header)
         size = len(sample.payload)
-        self._tally.record(sample.key, header, size, sample.arrival_ns)
+        self._delivery.record(sample.key, header, size, sample.arrival_ns)
         self.messages += 1
         self.bytes += size
         if sample.key == self._episode_key:
@@ -190,7 +190,7 @@ class Recorder:
         self._sink = next_sink()
         self._sink.describe(self._known)
         self._began = time.monotonic()
-        self._sink.note(CARRIED_METADATA, carried(self._tally, self.episodes))
+        self._sink.note(CARRIED_METADATA, carried(self._delivery, self.episodes))
         self._sink.flush()
         self._releasing = [thread for thread in self._releasing if thread.is_alive()]
         releasing = threading.Thread(target=_release, args=(old,), name="release", daemon=True)
@@ -198,8 +198,8 @@ class Recorder:
         self._releasing.append(releasing)
 
     def _finish(self) -> None:
-        self._sink.note(ACCOUNT_METADATA, self._tally.state())
-        self._sink.finish(to_metadata(self._tally.report()))
+        self._sink.note(DELIVERY_METADATA, self._delivery.to_metadata())
+        self._sink.finish(report_to_metadata(self._delivery.report()))
 
 
 def _release(sink: McapSink) -> None:
@@ -209,11 +209,11 @@ def _release(sink: McapSink) -> None:
         _log.warning("%s", error)
 
 
-def carried(tally: Tally, episodes: EpisodeBook) -> dict[str, str]:
+def carried(delivery: DeliveryStats, episodes: EpisodeBook) -> dict[str, str]:
     """What a part needs to know of those before it, as MCAP metadata."""
     running = episodes.open
     return {
-        "account": json.dumps(tally.state()),
+        "account": json.dumps(delivery.to_metadata()),
         "open_episode": json.dumps(None if running is None else asdict(running)),
         "next_episode": str(episodes.next_number),
     }

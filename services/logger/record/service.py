@@ -24,11 +24,11 @@ from common.transport.session import new_boot_id, open_session
 from common.transport.tap import RawTap
 from services.logger.errors import LoggerError
 from services.logger.log_format import write_error
+from services.logger.read.delivery import DeliveryCount
 from services.logger.read.episodes import EpisodeBook
 from services.logger.read.info import read_episodes
 from services.logger.read.locks import is_locked
-from services.logger.read.parts import existing_parts, next_part
-from services.logger.read.tally import KeyCount
+from services.logger.read.segments import existing_segments, next_segment
 from services.logger.record.attach import descriptions_of, find_robot
 from services.logger.record.config import LoggerConfig
 from services.logger.record.episode_queries import EpisodeQueryServer
@@ -86,7 +86,7 @@ class Order:
     realtime: str = "normal"
 
 
-def record(order: Order, stopping: Callable[[], bool]) -> dict[str, KeyCount]:
+def record(order: Order, stopping: Callable[[], bool]) -> dict[str, DeliveryCount]:
     """Record until ``stopping`` says True; returns the counts by key.
 
     Raises:
@@ -95,7 +95,7 @@ def record(order: Order, stopping: Callable[[], bool]) -> dict[str, KeyCount]:
         ConfigError: a pattern of topics is none.
     """
     _make_room(order.path)
-    busy = next((p for p in existing_parts(order.path) if p.exists() and is_locked(p)), None)
+    busy = next((p for p in existing_segments(order.path) if p.exists() and is_locked(p)), None)
     if busy is not None:
         raise LoggerError(
             f"{busy} is being recorded by another logger; two in one directory would be read as "
@@ -132,12 +132,12 @@ class _Recording:
         }
 
         def new_part() -> McapSink:
-            path = next_part(order.path)
+            path = next_segment(order.path)
             asked = ", ".join(f"{robot}/{topic}" for topic in config.topics) or f"{robot}/**"
             _log.info("recording %s to %s", asked, path)
             return McapSink(path, robot, config, about)
 
-        earlier = [path for path in existing_parts(order.path) if path.exists()]
+        earlier = [path for path in existing_segments(order.path) if path.exists()]
         numbers = [one.episode for one in read_episodes(earlier)]
         rotates = config.rotate_size is not None or config.rotate_every is not None
         self._recorder = Recorder(
@@ -150,7 +150,7 @@ class _Recording:
         self._ask_at = 0.0
         self._ask_after = ASK_PERIOD
 
-    def run(self, stopping: Callable[[], bool]) -> dict[str, KeyCount]:
+    def run(self, stopping: Callable[[], bool]) -> dict[str, DeliveryCount]:
         recorder = self._recorder
         recorder.start()
         try:

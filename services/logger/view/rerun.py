@@ -11,7 +11,7 @@ from pathlib import Path
 
 from services.logger.export.convert import Progress, Summary, export_log
 from services.logger.export.errors import ExportError
-from services.logger.read.parts import existing_parts
+from services.logger.read.segments import existing_segments
 
 APPLICATION = "trill"
 SUFFIX = "-view.rrd"
@@ -61,7 +61,7 @@ def prepare(log: Path, *, fresh: bool, progress: Progress) -> Prepared:
     require_rerun()
     place = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
     path = place / f"{log.stem}{SUFFIX}"
-    if not fresh and _newer(path, existing_parts(log)):
+    if not fresh and _newer(path, existing_segments(log)):
         return Prepared(path, None)
     with tempfile.TemporaryDirectory(prefix="trill-view-", dir=place) as work:
         exported = Path(work) / "exported.mcap"

@@ -19,7 +19,7 @@ from lab.review import report
 from lab.review.report import file_lines, known_verdict, report_lines, write_summary
 from lab.review.summary import summarise
 from services.logger.errors import LoggerError
-from services.logger.read.tally import KeyCount, to_metadata
+from services.logger.read.delivery import DeliveryCount, report_to_metadata
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from tests.disk import fill
@@ -77,7 +77,9 @@ def recorded(run_dir: Path) -> None:
     for pair in life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)):
         one = sample(pair, at=life.now / 1000)
         sink.write(one, wire_header(one.payload))
-    sink.close(to_metadata({f"draco3/{TELEOP_GAIT.name}": KeyCount(recorded=1, dropped=3)}))
+    sink.close(
+        report_to_metadata({f"draco3/{TELEOP_GAIT.name}": DeliveryCount(recorded=1, dropped=3)})
+    )
 
 
 def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:

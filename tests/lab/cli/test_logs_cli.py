@@ -50,7 +50,7 @@ def test_further_tables_read_the_log(
     run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def count(reader: LogReader) -> str:
-        return f"ledger of {sum(1 for _ in reader.entries())} messages"
+        return f"ledger of {sum(1 for _ in reader.raw_messages())} messages"
 
     monkeypatch.setitem(logs.TABLES, "ledger", count)
     assert main(["info", str(run), "--table", "ledger"]) == 0

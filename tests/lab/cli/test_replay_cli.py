@@ -12,7 +12,7 @@ from common.transport.tap import RawSample
 from common.wire.codec import decode, encode
 from common.wire.header import wire_header
 from lab.cli.main import main
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from services.teleop.scripted.library import SCRIPTS, ScriptOptions
@@ -31,10 +31,10 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def rewritten(path: Path, to: Path, change: Callable[[Entry], bytes | None]) -> Path:
+def rewritten(path: Path, to: Path, change: Callable[[RecordedMessage], bytes | None]) -> Path:
     """Copy a log with other payloads, or (None) without a message."""
     sink = McapSink(to, "draco3", LoggerConfig())
-    for entry in LogReader(path).entries():
+    for entry in LogReader(path).raw_messages():
         payload = change(entry)
         if payload is not None:
             sample = RawSample(entry.key, payload, entry.tag, entry.log_time)
@@ -84,8 +84,8 @@ def test_a_changed_gain_shows_where_it_begins_to_matter(
 def test_what_was_said_is_written_as_a_log(fresh: Path, tmp_path: Path) -> None:
     out = tmp_path / "again.mcap"
     assert main(["replay", str(fresh), "--service", "wbc", "--out", str(out)]) == 0
-    again = {(entry.key, entry.sequence): entry for entry in LogReader(out).entries()}
-    then = {(entry.key, entry.sequence): entry for entry in LogReader(fresh).entries()}
+    again = {(entry.key, entry.sequence): entry for entry in LogReader(out).raw_messages()}
+    then = {(entry.key, entry.sequence): entry for entry in LogReader(fresh).raw_messages()}
     assert len(again) > 250
     for name, entry in again.items():
         assert entry.payload == then[name].payload
@@ -132,7 +132,7 @@ def test_no_log_is_no_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_a_log_that_began_too_late(
     fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def later(entry: Entry) -> bytes | None:
+    def later(entry: RecordedMessage) -> bytes | None:
         return None if entry.log_time < 600_000_000 else entry.payload
 
     log = rewritten(fresh, tmp_path / "late.mcap", later)
@@ -145,7 +145,7 @@ def test_a_log_that_began_too_late(
 def test_a_log_without_settings(
     fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def untold(entry: Entry) -> bytes | None:
+    def untold(entry: RecordedMessage) -> bytes | None:
         if entry.topic is not JOURNAL:
             return entry.payload
         journal = decode(entry.payload, StepJournal)

@@ -21,7 +21,7 @@ from lab.cli.main import main
 from lab.errors import LabError
 from lab.logs.ledger_log import ledger_table, write_csv
 from lab.monitor.ledger_text import short_ms, stage_cells
-from services.logger.read.reader import Entry
+from services.logger.read.reader import RecordedMessage
 from tests.common.transport.support import health as example_health
 
 MS = 1_000_000
@@ -78,10 +78,10 @@ class FakeLog:
         self.path = Path("made up.mcap")
         self._pairs = pairs
 
-    def entries(self) -> Iterator[Entry]:
+    def raw_messages(self) -> Iterator[RecordedMessage]:
         for topic, message in self._pairs:
             sent = message.header.sent
-            yield Entry(
+            yield RecordedMessage(
                 key=key_of("draco3", topic, message.header.source),
                 topic=topic,
                 tag=schema_tag(type(message)),

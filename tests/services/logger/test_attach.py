@@ -249,7 +249,7 @@ def test_excluded_topics_are_not_recorded_and_late_ones_are(
             lambda: robot.put("draco3/health/sim", b"\x80"),
         )
     assert running.error is None
-    assert {entry.key for entry in LogReader(log).entries()} == {
+    assert {entry.key for entry in LogReader(log).raw_messages()} == {
         "draco3/teleop/gait",
         "draco3/arm/pose",
     }

@@ -48,7 +48,7 @@ def test_bytes_times_and_order_come_back(tmp_path: Path, compression: str) -> No
     config = LoggerConfig.model_validate({"compression": compression})
     write(tmp_path / "log.mcap", arrivals, config)
     reader = LogReader(tmp_path / "log.mcap")
-    entries = list(reader.entries())
+    entries = list(reader.raw_messages())
     assert [entry.payload for entry in entries] == [one.payload for one in arrivals]
     assert [entry.key for entry in entries] == [one.key for one in arrivals]
     assert [entry.log_time for entry in entries] == [1000, 1000, 1001, 1001]
@@ -86,7 +86,7 @@ def test_arrays_shapes_are_in_the_schema(tmp_path: Path) -> None:
 def test_an_unknown_key_is_recorded_as_it_is(tmp_path: Path) -> None:
     write(tmp_path / "log.mcap", [RawSample("draco3/else", b"\x01\x02", "other", 5)])
     reader = LogReader(tmp_path / "log.mcap")
-    (entry,) = reader.entries()
+    (entry,) = reader.raw_messages()
     assert (entry.payload, entry.topic, entry.tag) == (b"\x01\x02", None, "other")
     assert list(reader.messages()) == []
 
@@ -116,7 +116,7 @@ def test_a_file_cut_off_anywhere_gives_a_prefix(tmp_path: Path, compression: str
         path = tmp_path / "cut.mcap"
         path.write_bytes(data[:cut])
         reader = LogReader(path)
-        found = [entry.payload for entry in reader.entries()]
+        found = [entry.payload for entry in reader.raw_messages()]
         assert found == expected[: len(found)]
         assert reader.truncated
         lengths.add(len(found))
@@ -131,10 +131,10 @@ def test_flushed_messages_are_readable_while_the_file_is_open(tmp_path: Path) ->
     sink.flush()
     sink.write(gait(3), None)
     reader = LogReader(tmp_path / "log.mcap")
-    assert len(list(reader.entries())) == 3
+    assert len(list(reader.raw_messages())) == 3
     assert reader.truncated
     sink.close({})
-    assert len(list(reader.entries())) == 4
+    assert len(list(reader.raw_messages())) == 4
 
 
 def test_report_and_origin_are_in_the_file(tmp_path: Path) -> None:
@@ -146,7 +146,7 @@ def test_report_and_origin_are_in_the_file(tmp_path: Path) -> None:
     (count,) = report.values()
     assert (count.sent, count.recorded, count.lost, count.dropped) == (5, 3, 2, 0)
     reader = LogReader(tmp_path / "log.mcap")
-    assert len(list(reader.entries())) == 3
+    assert len(list(reader.raw_messages())) == 3
     assert reader.report == report
     offset = int(reader.origin["wall_ns"]) - int(reader.origin["monotonic_ns"])
     assert abs(offset - (time.time_ns() - time.monotonic_ns())) < 60e9
@@ -158,7 +158,7 @@ def test_the_recorder_flushes_by_itself(tmp_path: Path) -> None:
     recorder.intake.offer(gait(0))
     reader = LogReader(tmp_path / "log.mcap")
     deadline = time.monotonic() + 10.0
-    while not list(reader.entries()):
+    while not list(reader.raw_messages()):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     recorder.stop()
@@ -198,19 +198,19 @@ def test_a_full_disk_ends_the_recording_with_a_clear_error(tmp_path: Path) -> No
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LoggerError, match="cannot open"):
-        list(LogReader(tmp_path / "none.mcap").entries())
+        list(LogReader(tmp_path / "none.mcap").raw_messages())
     (tmp_path / "text.mcap").write_text("this is no log at all")
     with pytest.raises(LoggerError, match="not an MCAP log"):
-        list(LogReader(tmp_path / "text.mcap").entries())
+        list(LogReader(tmp_path / "text.mcap").raw_messages())
     for text in ("", "hello"):
         (tmp_path / "short.mcap").write_text(text)
         with pytest.raises(LoggerError, match=f"not an MCAP log.* {len(text)} bytes without any"):
-            list(LogReader(tmp_path / "short.mcap").entries())
+            list(LogReader(tmp_path / "short.mcap").raw_messages())
 
 
 def test_an_empty_part_does_not_spoil_the_others(tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(b"")
     write(tmp_path / "log-2.mcap", [gait(0), gait(1)])
     reader = LogReader(tmp_path / "log.mcap")
-    assert len(list(reader.entries())) == 2
+    assert len(list(reader.raw_messages())) == 2
     assert reader.truncated

@@ -88,7 +88,7 @@ def test_sent_is_recorded_and_lost_and_dropped(sessions: tuple[Any, Any], tmp_pa
     }
     assert {key: one.sent + one.earlier for key, one in report.items()} == sent
     reader = LogReader(tmp_path / "log.mcap")
-    entries = list(reader.entries())
+    entries = list(reader.raw_messages())
     for key, count in report.items():
         assert count.sent == count.recorded + count.lost + count.dropped
         assert sum(entry.key == key for entry in entries) == count.recorded

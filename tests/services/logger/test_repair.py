@@ -9,9 +9,9 @@ from mcap.reader import make_reader
 
 from common.transport.tap import RawSample
 from services.logger.errors import LoggerError
+from services.logger.read.delivery import total
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader
-from services.logger.read.tally import total
 from services.logger.record.config import LoggerConfig
 from services.logger.record.recorder import Recorder
 from services.logger.record.sink import McapSink
@@ -128,7 +128,7 @@ def test_a_hole_in_the_middle_is_skipped(tmp_path: Path) -> None:
     assert len(samples) // 2 < len(found) < len(samples)
     assert found[-1] == samples[-1].payload
     assert total(done.report).lost == len(samples) - len(found)
-    assert done.losses.skipped + 20_000 * done.losses.damaged_chunks > 20_000
+    assert done.losses.unreadable_bytes + 20_000 * done.losses.damaged_chunks > 20_000
 
 
 def test_the_first_chunk_lost_does_not_take_the_topics_with_it(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_the_first_chunk_lost_does_not_take_the_topics_with_it(tmp_path: Path) -
     assert done.losses.damaged_chunks == 1
     assert (done.unknown, done.messages) == (0, 20)
     names = {
-        entry.topic.name for entry in LogReader(tmp_path / "log.mcap").entries() if entry.topic
+        entry.topic.name for entry in LogReader(tmp_path / "log.mcap").raw_messages() if entry.topic
     }
     assert names == {"teleop/gait", "camera/left"}
 
@@ -175,7 +175,7 @@ def test_out_leaves_the_log_alone(tmp_path: Path) -> None:
     path, out = tmp_path / "log.mcap", tmp_path / "saved.mcap"
     killed(path, arrivals(5), [])
     broken = path.read_bytes()
-    assert repair(path, out).result == out
+    assert repair(path, out).output == out
     assert path.read_bytes() == broken
     assert len(stock_payloads(out)) == 10
     with pytest.raises(LoggerError, match="exists already"):
@@ -205,7 +205,7 @@ def test_what_is_being_recorded_is_not_touched(tmp_path: Path) -> None:
     sink.flush()
     with pytest.raises(LoggerError, match="still being recorded"):
         repair(path)
-    assert read_info(path).parts[0].open
+    assert read_info(path).segments[0].open
     sink.close({})
     assert repair(path).fault == ""
     with path.open("rb") as stream:

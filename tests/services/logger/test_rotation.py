@@ -8,11 +8,11 @@ from mcap.reader import make_reader
 from common.transport.schema_query import Description
 from common.transport.tap import RawSample
 from services.logger.errors import LoggerError
+from services.logger.read.delivery import total
 from services.logger.read.index import read_index
 from services.logger.read.info import read_info
-from services.logger.read.parts import existing_parts, next_part
 from services.logger.read.reader import LogReader
-from services.logger.read.tally import total
+from services.logger.read.segments import existing_segments, next_segment
 from services.logger.record.config import LoggerConfig
 from services.logger.record.recorder import Recorder
 from services.logger.record.sink import McapSink
@@ -23,7 +23,7 @@ from tests.services.logger.support import END, START, gait, mark, picture
 
 def record_parts(path: Path, config: LoggerConfig, batches: list[list[RawSample]]) -> Recorder:
     def new_part() -> McapSink:
-        return McapSink(next_part(path), "draco3", config, {"session": "s1"})
+        return McapSink(next_segment(path), "draco3", config, {"session": "s1"})
 
     recorder = Recorder(new_part(), config, next_sink=new_part)
     for batch in batches:
@@ -47,13 +47,13 @@ def samples(count: int = 300) -> list[RawSample]:
 def parts(tmp_path: Path) -> list[Path]:
     config = LoggerConfig(rotate_size=400_000, chunk_size=20_000)
     record_parts(tmp_path / "log.mcap", config, [samples()])
-    return existing_parts(tmp_path / "log.mcap")
+    return existing_segments(tmp_path / "log.mcap")
 
 
 def test_nothing_is_lost_or_doubled_at_the_seams(parts: list[Path]) -> None:
     assert len(parts) > 3
     expected = [one.payload for one in samples()]
-    assert [entry.payload for entry in LogReader(parts[0]).entries()] == expected
+    assert [entry.payload for entry in LogReader(parts[0]).raw_messages()] == expected
     found = []
     for path in parts:
         assert fault_of(path) == ""
@@ -72,7 +72,7 @@ def test_the_account_goes_on_over_the_parts(parts: list[Path]) -> None:
     assert total({one.key: one.count for one in info.topics}).sent == len(samples())
     assert sum(one.messages for one in info.topics) == len(samples())
     reader = LogReader(parts[0])
-    assert sum(1 for _ in reader.entries()) == len(samples())
+    assert sum(1 for _ in reader.raw_messages()) == len(samples())
     # What the last part says is of all of them.
     assert total(reader.report).recorded == len(samples())
 
@@ -91,7 +91,7 @@ def test_a_killed_last_part_is_repaired_with_the_account_of_all(parts: list[Path
     done = repair(parts[-1])
     after = total(done.report)
     assert after.lost == after.dropped == 0
-    assert after.recorded == sum(1 for _ in LogReader(parts[0]).entries())
+    assert after.recorded == sum(1 for _ in LogReader(parts[0]).raw_messages())
     assert after.recorded < len(samples())
     assert read_info(parts[0]).topics == before.topics
 
@@ -103,7 +103,7 @@ def test_a_new_part_is_due_after_some_time(tmp_path: Path, monkeypatch: pytest.M
     path = tmp_path / "log.mcap"
 
     def new_part() -> McapSink:
-        return McapSink(next_part(path), "draco3", config)
+        return McapSink(next_segment(path), "draco3", config)
 
     recorder = Recorder(new_part(), config, next_sink=new_part)
     for seq in range(5):
@@ -114,7 +114,7 @@ def test_a_new_part_is_due_after_some_time(tmp_path: Path, monkeypatch: pytest.M
     recorder.start()
     recorder.stop()
     # At 100, 106 and 112, which is more than 10 s after 100; at 118 and 124.
-    assert [read_index(one).counts.total() for one in existing_parts(path)] == [3, 2, 0]
+    assert [read_index(one).counts.total() for one in existing_segments(path)] == [3, 2, 0]
 
 
 def test_a_recording_that_goes_on_after_a_crash_interrupts_the_episode(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_recording_that_goes_on_after_a_crash_interrupts_the_episode(tmp_path:
     for number, batch in enumerate(
         ([mark(0, 0, START, 1000, "cut"), gait(0, at=1500)], [gait(9, at=9000)])
     ):
-        sink = McapSink(next_part(path), "draco3", LoggerConfig(), {"session": f"s{number}"})
+        sink = McapSink(next_segment(path), "draco3", LoggerConfig(), {"session": f"s{number}"})
         recorder = Recorder(sink, LoggerConfig())
         for one in batch:
             recorder._record(one)
@@ -139,7 +139,7 @@ def test_every_part_has_the_schema_a_sender_told_once(tmp_path: Path) -> None:
     config = LoggerConfig(rotate_size=100_000, chunk_size=20_000)
 
     def new_part() -> McapSink:
-        return McapSink(next_part(path), "draco3", config)
+        return McapSink(next_segment(path), "draco3", config)
 
     recorder = Recorder(new_part(), config, next_sink=new_part)
     recorder.describe({key: Description(tag=tag, jsonschema='{"type": "object"}')})
@@ -147,7 +147,7 @@ def test_every_part_has_the_schema_a_sender_told_once(tmp_path: Path) -> None:
         recorder.intake.offer(RawSample(key, picture(number).payload, tag, number + 1))
     recorder.start()
     recorder.stop()
-    parts = existing_parts(path)
+    parts = existing_segments(path)
     assert len(parts) > 3
     found = []
     for part in parts:
