@@ -86,7 +86,7 @@ def recorder_writes(path: Path, config: LoggerConfig) -> tuple[Write, Callable[[
         sink.flush()
         return times, time.thread_time_ns() - begin
 
-    return write, lambda: sink.close({}, sync=False)
+    return write, lambda: sink.close(sync=False)
 
 
 def bare_writes(path: Path, config: LoggerConfig) -> tuple[Write, Callable[[], object]]:

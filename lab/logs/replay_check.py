@@ -160,7 +160,7 @@ class Checker:
             schema: type[Message] = topic.schema
             sample = RawSample(key_of(robot, topic, source), payload, schema_tag(schema), now)
             sink.write(sample, header)
-        sink.close({})
+        sink.close()
         return len(self._said)
 
     def _hear(self, topic: Topic[Any], payload: bytes, now_ns: int) -> None:

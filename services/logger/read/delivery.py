@@ -7,7 +7,7 @@ by the logger were lost on the way. So ``sent = recorded + lost + dropped`` hold
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from common.schemas import Header
@@ -281,26 +281,3 @@ def format_report(report: Mapping[str, DeliveryCount]) -> str:
     if in_all.earlier:
         lines.append(f"{in_all.earlier} more were sent before this recorder could hear them")
     return "\n".join(lines)
-
-
-def report_to_metadata(report: Mapping[str, DeliveryCount]) -> dict[str, str]:
-    """Return the report as MCAP metadata: JSON by key."""
-    return {key: json.dumps(asdict(count) | {"sent": count.sent}) for key, count in report.items()}
-
-
-def report_from_metadata(metadata: Mapping[str, str]) -> dict[str, DeliveryCount]:
-    """Restore a report; counts that only other versions know are ignored.
-
-    Raises:
-        LoggerError: the metadata is not such a report.
-    """
-    known = {one.name for one in fields(DeliveryCount)}
-    try:
-        return {
-            key: DeliveryCount(**{n: int(v) for n, v in json.loads(text).items() if n in known})
-            for key, text in metadata.items()
-        }
-    except (ValueError, TypeError, AttributeError) as error:
-        raise LoggerError(
-            f"the log's report is unreadable: expected counts by topic, got {dict(metadata)}"
-        ) from error

@@ -1,5 +1,7 @@
 """Summarises a log: when, who, what, how much is missing, which episodes."""
 
+import contextlib
+import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,17 +14,17 @@ from common.topics import EPISODE, LINK_CHANGE, Topic
 from common.wire.codec import decode
 from services.logger.errors import LoggerError
 from services.logger.log_format import (
+    CARRIED_METADATA,
     DELIVERY_METADATA,
-    EPISODE_METADATA,
     REPAIR_METADATA,
     START_METADATA,
 )
 from services.logger.read.delivery import DeliveryCount, DeliveryStats
-from services.logger.read.episodes import COMPLETE, DISCARDED, Episode, EpisodeBook, merged
+from services.logger.read.episodes import Episode, EpisodeBook
 from services.logger.read.index import LogIndex, read_index
 from services.logger.read.locks import is_locked
 from services.logger.read.mcap_file import open_mcap
-from services.logger.read.rebuild import RebuiltMetadata
+from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import recover
 from services.logger.read.segments import existing_segments
 
@@ -190,12 +192,12 @@ def _delivery_stats(index: LogIndex) -> DeliveryStats:
     stated = index.metadata_named(DELIVERY_METADATA)
     if stated:
         return DeliveryStats.from_metadata(stated[-1])
-    rebuilt = RebuiltMetadata()
+    rebuilt = DeliveryRebuilder()
     rebuilt.channels.update(index.channels)
     with open_mcap(index.path) as file:
         for _, record in recover(file):
             rebuilt.add(record)
-    return rebuilt.delivery
+    return rebuilt.stats
 
 
 def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> list[TopicInfo]:
@@ -215,22 +217,30 @@ def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> li
 
 
 def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> list[Episode]:
-    records: list[Episode] = []
+    """Follow the marks through all segments."""
     book = EpisodeBook()
     previous: SegmentInfo | None = None
     for segment, index in zip(segments, indexes, strict=True):
-        if previous is not None and previous.session != segment.session:
+        if previous is None:
+            book.open = _carried_episode(index)
+        elif previous.session != segment.session:
             # What happened while nobody recorded is not known.
             book.close(previous.end_ns)
         previous = segment
-        records += [Episode.from_metadata(v) for v in index.metadata_named(EPISODE_METADATA)]
         for at_ns, mark in _decoded(index, EPISODE):
             if isinstance(mark, EpisodeMark):
                 book.observe(mark, at_ns)
-    marked = [*book.finished, *([book.open] if book.open is not None else [])]
-    # The record of a segment repaired alone calls an episode interrupted that ends in a later one.
-    ended = {one for one in marked if one.outcome in (COMPLETE, DISCARDED)}
-    return merged([*records, *ended], marked)
+    if previous is not None and previous.whole:
+        book.close(previous.end_ns)
+    return book.finished if book.open is None else [*book.finished, book.open]
+
+
+def _carried_episode(index: LogIndex) -> Episode | None:
+    """Return the episode that was open when an earlier segment, not read here, ended."""
+    for carried in index.metadata_named(CARRIED_METADATA):
+        with contextlib.suppress(ValueError, KeyError, TypeError):
+            return Episode(**json.loads(carried["open_episode"]))
+    return None
 
 
 def _decoded(index: LogIndex, topic: Topic[Any]) -> list[tuple[int, Message]]:

@@ -15,8 +15,8 @@ from common.schemas import Message
 from common.topics import ALL_TOPICS, Topic
 from common.wire.codec import decode
 from services.logger.errors import DamagedLogError, LoggerError
-from services.logger.log_format import REPORT_METADATA, START_METADATA
-from services.logger.read.delivery import DeliveryCount, report_from_metadata
+from services.logger.log_format import DELIVERY_METADATA, START_METADATA
+from services.logger.read.delivery import DeliveryCount, DeliveryStats
 from services.logger.read.mcap_file import MAGIC, UNREADABLE, McapFile, Span, open_mcap
 from services.logger.read.segments import existing_segments
 
@@ -130,8 +130,8 @@ class LogReader:
     def _note(self, record: Metadata) -> None:
         if record.name == START_METADATA:
             self.origin = record.metadata
-        elif record.name == REPORT_METADATA:
-            self.report = report_from_metadata(record.metadata)
+        elif record.name == DELIVERY_METADATA:
+            self.report = DeliveryStats.from_metadata(record.metadata).report()
 
 
 def _recorded(channels: dict[int, Channel], message: McapMessage) -> RecordedMessage:

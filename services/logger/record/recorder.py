@@ -21,9 +21,8 @@ from services.logger.log_format import (
     CARRIED_METADATA,
     DELIVERY_METADATA,
     DROPS_METADATA,
-    EPISODE_METADATA,
 )
-from services.logger.read.delivery import DeliveryCount, DeliveryStats, report_to_metadata, total
+from services.logger.read.delivery import DeliveryCount, DeliveryStats, total
 from services.logger.read.episodes import EpisodeBook
 from services.logger.record.config import LoggerConfig
 from services.logger.record.intake import Intake
@@ -111,8 +110,6 @@ class Recorder:
             thread.join()
         if self._error is not None:
             raise self._error
-        for episode in self.episodes.close(time.monotonic_ns()):
-            self._sink.note(EPISODE_METADATA, episode.to_metadata())
         self._finish()
         self._sink.release()
         return self._delivery.report()
@@ -166,13 +163,12 @@ class Recorder:
             self._follow(sample)
 
     def _follow(self, sample: RawSample) -> None:
-        """Write down the episodes that a mark finishes."""
+        """Follow an episode mark."""
         try:
             mark = decode(sample.payload, EpisodeMark, sample.tag or None)
         except SchemaError:
             return  # recorded as it is; whoever reads the log will count it as refused
-        for episode in self.episodes.observe(mark, sample.arrival_ns):
-            self._sink.note(EPISODE_METADATA, episode.to_metadata())
+        self.episodes.observe(mark, sample.arrival_ns)
 
     def _is_full(self) -> bool:
         config = self._config
@@ -199,7 +195,7 @@ class Recorder:
 
     def _finish(self) -> None:
         self._sink.note(DELIVERY_METADATA, self._delivery.to_metadata())
-        self._sink.finish(report_to_metadata(self._delivery.report()))
+        self._sink.finish()
 
 
 def _release(sink: McapSink) -> None:

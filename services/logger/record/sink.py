@@ -21,7 +21,6 @@ from common.wire.codec import schema_tag
 from services.logger.log_format import (
     COMPRESSION,
     PROFILE,
-    REPORT_METADATA,
     START_METADATA,
     write_error,
 )
@@ -128,16 +127,15 @@ class McapSink:
                 self._copies.clear()
                 self._stream.flush()
 
-    def close(self, report: Mapping[str, str], *, sync: bool = True) -> None:
-        """Write the report and the index, and close the file; see :meth:`finish`."""
-        self.finish(report)
+    def close(self, *, sync: bool = True) -> None:
+        """Write the index and close the file."""
+        self.finish()
         self.release(sync=sync)
 
-    def finish(self, report: Mapping[str, str]) -> None:
-        """Write the report and the index; only :meth:`release` may follow."""
+    def finish(self) -> None:
+        """Write the index; only :meth:`release` may follow."""
         self.flush()
         with _explained(self.path):
-            self._writer.add_metadata(REPORT_METADATA, dict(report))
             self._writer.finish()
             self._stream.flush()
 

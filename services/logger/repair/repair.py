@@ -1,7 +1,7 @@
 """Repairs a log that was cut off or damaged.
 
 Everything that can be read is written to a new file with index, schemas and metadata; delivery
-statistics and episodes are rebuilt from the messages. The new file is written beside the old one,
+statistics are rebuilt from the messages. The new file is written beside the old one,
 synchronised to the disk and read back before it takes the old one's name.
 """
 
@@ -19,16 +19,14 @@ from services.logger.errors import LoggerError
 from services.logger.log_format import (
     COMPRESSION,
     DELIVERY_METADATA,
-    EPISODE_METADATA,
     PROFILE,
     REPAIR_METADATA,
-    REPORT_METADATA,
 )
-from services.logger.read.delivery import DeliveryCount, report_to_metadata
+from services.logger.read.delivery import DeliveryCount
 from services.logger.read.index import read_index
 from services.logger.read.locks import keep_original, locked, replace_durably, temporary_for
 from services.logger.read.mcap_file import McapFile, open_mcap
-from services.logger.read.rebuild import RebuiltMetadata
+from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import Losses, recover
 from services.logger.repair.verify import OnProgress, fault_of
 
@@ -104,13 +102,13 @@ def repair(
         rebuilt.messages,
         rebuilt.unknown,
         losses,
-        rebuilt.delivery.report(),
+        rebuilt.stats.report(),
     )
 
 
 def _rewrite(
     path: Path, output: Path, fault: str, on_progress: OnProgress | None
-) -> tuple[RebuiltMetadata, Losses]:
+) -> tuple[DeliveryRebuilder, Losses]:
     """Write everything that can be read of ``path`` to the new file ``output``."""
     losses = Losses()
     with open_mcap(path) as file, output.open("xb") as stream:
@@ -131,7 +129,7 @@ class _Copy:
     """The new file, to which the old one's records are added."""
 
     def __init__(self, stream: IO[bytes], original: McapFile) -> None:
-        self.rebuilt = RebuiltMetadata()
+        self.rebuilt = DeliveryRebuilder()
         self._schemas: dict[int, Schema] = {}
         self._schema_ids: dict[int, int] = {}
         self._channel_ids: dict[int, int] = {}
@@ -151,7 +149,7 @@ class _Copy:
         elif isinstance(record, Message):
             self._add_message(record)
         elif isinstance(record, Metadata):
-            if record.name not in (REPORT_METADATA, DELIVERY_METADATA):
+            if record.name != DELIVERY_METADATA:
                 self._writer.add_metadata(record.name, record.metadata)
         elif isinstance(record, Attachment):
             self._writer.add_attachment(
@@ -160,9 +158,7 @@ class _Copy:
         self.rebuilt.add(record)
 
     def finish(self, fault: str, losses: Losses, size: int) -> None:
-        """Write the rebuilt metadata, a record of the repair, and the index."""
-        for episode in self.rebuilt.unrecorded_episodes():
-            self._writer.add_metadata(EPISODE_METADATA, episode.to_metadata())
+        """Write the rebuilt statistics, a record of the repair, and the index."""
         facts = {
             "fault": fault,
             "wall_ns": time.time_ns(),
@@ -173,9 +169,7 @@ class _Copy:
             "unknown": self.rebuilt.unknown,
         }
         self._writer.add_metadata(REPAIR_METADATA, {name: str(v) for name, v in facts.items()})
-        delivery = self.rebuilt.delivery
-        self._writer.add_metadata(DELIVERY_METADATA, delivery.to_metadata())
-        self._writer.add_metadata(REPORT_METADATA, report_to_metadata(delivery.report()))
+        self._writer.add_metadata(DELIVERY_METADATA, self.rebuilt.stats.to_metadata())
         self._writer.finish()
 
     def _add_message(self, message: Message) -> None:

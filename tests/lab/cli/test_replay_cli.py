@@ -39,7 +39,7 @@ def rewritten(path: Path, to: Path, change: Callable[[RecordedMessage], bytes | 
         if payload is not None:
             sample = RawSample(entry.key, payload, entry.tag, entry.log_time)
             sink.write(sample, wire_header(payload))
-    sink.close({})
+    sink.close()
     return to
 
 

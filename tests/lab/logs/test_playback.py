@@ -50,7 +50,7 @@ def log(tmp_path: Path) -> tuple[Path, list[RawSample]]:
     sink = McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig())
     for each in samples:
         sink.write(each, None)
-    sink.close({})
+    sink.close()
     return tmp_path / "log.mcap", samples
 
 
@@ -221,7 +221,7 @@ def test_ctrl_c_ends_a_loop_cleanly(
 
 
 def test_an_empty_log_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig()).close({})
+    McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig()).close()
     assert main(["replay", str(tmp_path)]) == 1
     assert "holds no message" in capsys.readouterr().err
 

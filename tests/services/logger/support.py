@@ -61,7 +61,7 @@ def write(
         sink.write(arrival, wire_header(arrival.payload))
         if number % flush_each == 0:
             sink.flush()
-    sink.close({})
+    sink.close()
 
 
 def record(path: Path, arrivals: list[RawSample], config: LoggerConfig | None = None) -> Recorder:

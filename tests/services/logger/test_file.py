@@ -39,7 +39,7 @@ def write(path: Path, arrivals: list[RawSample], config: LoggerConfig | None = N
     sink = McapSink(path, "draco3", config or LoggerConfig())
     for arrival in arrivals:
         sink.write(arrival, wire_header(arrival.payload))
-    sink.close({})
+    sink.close()
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
@@ -133,7 +133,7 @@ def test_flushed_messages_are_readable_while_the_file_is_open(tmp_path: Path) ->
     reader = LogReader(tmp_path / "log.mcap")
     assert len(list(reader.raw_messages())) == 3
     assert reader.truncated
-    sink.close({})
+    sink.close()
     assert len(list(reader.raw_messages())) == 4
 
 

@@ -206,7 +206,7 @@ def test_what_is_being_recorded_is_not_touched(tmp_path: Path) -> None:
     with pytest.raises(LoggerError, match="still being recorded"):
         repair(path)
     assert read_info(path).segments[0].open
-    sink.close({})
+    sink.close()
     assert repair(path).fault == ""
     with path.open("rb") as stream:
         fcntl.flock(stream, fcntl.LOCK_EX)

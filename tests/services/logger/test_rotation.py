@@ -81,6 +81,8 @@ def test_an_episode_across_a_seam_is_one(parts: list[Path]) -> None:
     (episode,) = read_info(parts[0]).episodes
     assert (episode.label, episode.start_ns, episode.end_ns) == ("long", 1100, 2900)
     assert episode.outcome == "complete"
+    # A later segment alone has what it carries of the earlier ones.
+    assert [episode] in [read_info(path).episodes for path in parts[1:]]
 
 
 def test_a_killed_last_part_is_repaired_with_the_account_of_all(parts: list[Path]) -> None:
