@@ -78,7 +78,7 @@ def export(arguments: argparse.Namespace) -> int:
         from services.logger.export.convert import export_log
 
         summary = export_log(
-            log, out, topics=arguments.topics, force=arguments.force, progress=progress
+            log, out, topics=arguments.topics, force=arguments.force, on_progress=progress
         )
     print("\n".join(summary_lines(summary)))
     return 0
@@ -102,7 +102,7 @@ def view(arguments: argparse.Namespace) -> int:
 
         rerun.require_rerun()
         with _bar("converting") as progress:
-            prepared = rerun.prepare(log, fresh=arguments.fresh, progress=progress)
+            prepared = rerun.prepare(log, fresh=arguments.fresh, on_progress=progress)
         if prepared.summary is not None:
             print("\n".join(_remarks(prepared.summary)))
         print(f"recording      {prepared.path}")

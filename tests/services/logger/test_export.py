@@ -238,13 +238,13 @@ def test_an_interrupted_export_leaves_nothing(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", progress=interrupt)
+        export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", on_progress=interrupt)
     assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
 
 
 def test_progress_ends_at_the_total(tmp_path: Path) -> None:
     write(tmp_path / "log.mcap", session())
     told: list[tuple[int, int]] = []
-    export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", progress=lambda *x: told.append(x))
+    export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", on_progress=lambda *x: told.append(x))
     total = len(session())
     assert told[-1] == (total, total)
