@@ -51,14 +51,15 @@ class LoggerService(Service):
     name = "logger"
     writes = (HEALTH,)
 
-    def __init__(self, recorder: Recorder, period: float) -> None:
-        """Watch ``recorder``, once each ``period`` [s]."""
+    def __init__(self, recorder: Recorder, tap: RawTap, period: float) -> None:
+        """Watch ``recorder`` and the ``tap`` that feeds it, once each ``period`` [s]."""
         self.period_ns = round(1e9 * period)
         self._recorder = recorder
+        self._tap = tap
 
     def step(self, _inputs: Inputs, _now_ns: int) -> Sequence[Output]:
-        """End the process when recording failed; the samples go their own way."""
-        if self._recorder.error is not None:
+        """End the process when receiving or writing failed; the samples go their own way."""
+        if self._recorder.error is not None or self._tap.error is not None:
             self.exit_code = 1
         return ()
 
@@ -173,12 +174,17 @@ class _Recording:
                 tap.close()
         finally:
             report = recorder.stop()
+        if tap.error is not None:
+            raise LoggerError(
+                f"receiving failed: {type(tap.error).__name__}: {tap.error}; {recorder.path} has "
+                "what arrived before"
+            ) from tap.error
         return report
 
     def _loop(self, tap: RawTap, stopping: Callable[[], bool]) -> None:
         """Step at the service's period and publish health, until stopped or failed."""
         order = self._order
-        service = LoggerService(self._recorder, order.config.drain_period)
+        service = LoggerService(self._recorder, tap, order.config.drain_period)
         stats = LoopStats(service, order.realtime)
         health = None if order.observe else _Health(self._session, self._robot)
         status = Status(self._recorder, order.config.low_disk, sys.stderr, live=order.live)

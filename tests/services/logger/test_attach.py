@@ -17,6 +17,8 @@ from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
 from common.transport.schema_query import Description, SchemaServer, discover
 from common.transport.session import open_session
+from common.transport.tap import RawSample
+from common.wire.header import wire_header
 from deploy.ports import reserve_base_port
 from lab.errors import LabError
 from lab.logs.mark import mark
@@ -27,7 +29,9 @@ from services.logger.read.reader import LogReader
 from services.logger.record import service
 from services.logger.record.attach import find_robot
 from services.logger.record.config import LoggerConfig
+from services.logger.record.intake import Intake
 from services.logger.record.service import Order, record
+from services.logger.repair.verify import fault_of
 
 
 @pytest.fixture
@@ -192,6 +196,31 @@ def test_a_guest_records_without_being_told_anything_and_publishes_nothing(
     assert running.declared("put") == running.declared("delete") == set()
     (answers,) = running.declared("declare_queryable")
     assert answers.startswith("draco3/episodes/")
+
+
+def test_a_recorder_that_can_receive_no_more_ends_with_an_error(
+    bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "log.mcap"
+    gaits = Publisher(robot, "draco3", TELEOP_GAIT, "teleop", 5)
+    offer = Intake.offer
+
+    def fail_at_20(intake: Intake, sample: RawSample) -> bool:
+        if wire_header(sample.payload).seq == 20:  # type: ignore[union-attr]
+            raise ValueError("no such luck")
+        return offer(intake, sample)
+
+    monkeypatch.setattr(Intake, "offer", fail_at_20)
+    with Running(Order(bus, log, LoggerConfig(topics=("teleop/*",))), monkeypatch) as running:
+        send_until(
+            lambda: running.error is not None,
+            lambda: gaits.send(GaitRequest(request_id=1, gait=Gait.FORWARD)),
+        )
+    assert isinstance(running.error, LoggerError)
+    assert "ValueError: no such luck" in str(running.error)
+    # What arrived before is in a whole file.
+    assert fault_of(log) == ""
+    assert [one.sequence for one in LogReader(log).raw_messages()][-1] == 19
 
 
 def test_at_home_the_one_key_it_publishes_is_its_health(
