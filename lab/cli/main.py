@@ -126,10 +126,15 @@ COMMANDS = (
         "a log for viewers",
         export.EXPORT,
         export.EXPORT_EXAMPLES,
-        export.takes_export,
+        export.add_export_arguments,
         export.export,
     ),
     Command(
-        "view", "a log in Rerun", export.VIEW, export.VIEW_EXAMPLES, export.takes_view, export.view
+        "view",
+        "a log in Rerun",
+        export.VIEW,
+        export.VIEW_EXAMPLES,
+        export.add_view_arguments,
+        export.view,
     ),
 )

@@ -2,6 +2,7 @@
 
 import csv
 from collections.abc import Iterator
+from io import StringIO
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 
 from common.journal.journal import UNKNOWN, Take
 from common.journal.ledger import STAGES, Ledger
@@ -16,10 +18,9 @@ from common.schemas import Header, LinkChange, LinkHealth, Message, StepJournal,
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE, Topic
 from common.transport.keys import key_of
 from common.wire.codec import encode, schema_tag
-from lab.cli.ledger import as_text
 from lab.cli.main import main
 from lab.errors import LabError
-from lab.logs.ledger_log import ledger_table, write_csv
+from lab.logs.ledger_log import ledger_table, render, write_csv
 from lab.monitor.ledger_text import short_ms, stage_cells
 from services.logger.read.reader import RecordedMessage
 from tests.common.transport.support import health as example_health
@@ -106,6 +107,13 @@ def second(number: int) -> StepJournal:
 
 def full_log(seconds: int = 10) -> Any:
     return FakeLog(*[(JOURNAL, second(number)) for number in range(seconds)])
+
+
+def as_text(log: Any) -> str:
+    console = Console(file=StringIO(), width=140)
+    with console.capture() as captured:
+        console.print(render(ledger_table(log), "made up"))
+    return captured.get()
 
 
 def test_figures_are_those_of_the_rows() -> None:
