@@ -1,4 +1,4 @@
-"""The bounded queue between the bus and the writer's thread."""
+"""Queues samples between the bus and the writer's thread."""
 
 import threading
 
@@ -8,10 +8,13 @@ from services.logger.read.delivery import DeliveryStats
 
 
 class Intake:
-    """FIFO bounded by messages and by bytes; what does not fit is dropped and accounted for.
+    """FIFO bounded by messages and by bytes; samples that do not fit are dropped and counted.
 
-    The newest is dropped, not the oldest, so that what is recorded has one gap, not many. The
-    header of what is dropped is read all the same, so that the account stays exact.
+    The newest sample is dropped, not the oldest, so that the recording has one gap instead of
+    many. Its header is read all the same, which keeps the delivery statistics exact.
+
+    Attributes:
+        dropped: number of samples dropped so far.
     """
 
     def __init__(self, max_messages: int, max_bytes: int) -> None:
@@ -23,10 +26,9 @@ class Intake:
         self._bytes = 0
         self._drops = DeliveryStats()
         self.dropped = 0
-        """Messages dropped so far."""
 
     def offer(self, sample: RawSample) -> bool:
-        """Append ``sample``; False if it was dropped."""
+        """Append ``sample``; return False if it was dropped."""
         size = len(sample.payload)
         with self._lock:
             if len(self._queue) < self._max_messages and self._bytes + size <= self._max_bytes:
@@ -40,13 +42,13 @@ class Intake:
         return False
 
     def take(self) -> list[RawSample]:
-        """Empty the queue, oldest first; returns at once."""
+        """Empty the queue and return the samples, oldest first, without waiting."""
         with self._lock:
             taken, self._queue, self._bytes = self._queue, [], 0
         return taken
 
     def take_drops(self) -> DeliveryStats:
-        """What was dropped since the last call."""
+        """Return what was dropped since the last call."""
         with self._lock:
             if not self._drops:
                 return self._drops
