@@ -17,7 +17,8 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
 
 from services.logger.errors import DamagedLogError, LoggerError
-from services.logger.read.mcap_file import DECODE_ERRORS, McapFile, Span, open_mcap
+from services.logger.read.chunks import DECODE_ERRORS
+from services.logger.read.mcap_file import McapFile, Span, open_mcap
 
 _CHUNK_TIMES = struct.Struct("<QQ")
 _INDEX_HEAD = struct.Struct("<HI")

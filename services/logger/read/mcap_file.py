@@ -10,7 +10,6 @@ goes.
 import mmap
 import os
 import re
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,40 +17,27 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import (
-    Attachment,
-    Channel,
-    Chunk,
-    Footer,
-    Header,
-    McapRecord,
-    Message,
-    Metadata,
-    Schema,
-)
+from mcap.records import Chunk, McapRecord
 from mcap.stream_reader import get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from services.logger.errors import DamagedLogError, LoggerError
+from services.logger.read.chunks import (
+    DECODE_ERRORS,
+    RECORD_HEAD,
+    decompress_start,
+    parse_record,
+    split_records,
+)
 
 MAGIC: bytes = MCAP0_MAGIC
 """First and last bytes of an MCAP file."""
-DECODE_ERRORS = (
-    McapError, zstandard.ZstdError, ValueError, RuntimeError, struct.error, OverflowError, EOFError,
-)  # fmt: skip
-"""Exceptions that decoding damaged bytes can raise."""
 UNREADABLE = 0
 """Opcode of a span that belongs to no record; MCAP uses this number for none."""
 
-_HEAD = struct.Struct("<BQ")
-"""Opcode and length of the body: how each record begins."""
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_FOOTER_SIZE = _HEAD.size + 20 + len(MAGIC)
+_FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
 _CHUNK_START = re.compile(
     rb"\x06.{5}\x00\x00\x00.{8}.{8}.{8}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00{4})",
     re.DOTALL,
@@ -59,15 +45,10 @@ _CHUNK_START = re.compile(
 """How a chunk record begins: opcode, length, times, size, checksum, compression."""
 _COMPRESSION_OFFSET = 28
 """Of a chunk's compression name in its body."""
-_DECOMPRESSION_STEP = 4096
-_RECORD_TYPES: dict[int, Any] = {
-    Opcode.HEADER: Header,
-    Opcode.SCHEMA: Schema,
-    Opcode.CHANNEL: Channel,
-    Opcode.METADATA: Metadata,
-    Opcode.ATTACHMENT: Attachment,
-    Opcode.FOOTER: Footer,
-}
+_PARSED = {
+    Opcode.HEADER, Opcode.SCHEMA, Opcode.CHANNEL, Opcode.METADATA, Opcode.ATTACHMENT, Opcode.FOOTER,
+}  # fmt: skip
+"""Kinds of records outside chunks that are of interest; the others serve the index."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,10 +105,10 @@ class McapFile:
         Raises:
             DamagedLogError: the file ends before that.
         """
-        body = start + _HEAD.size
+        body = start + RECORD_HEAD.size
         if body > self.size:
             raise DamagedLogError(f"byte {start} is beyond its end")
-        opcode, length = _HEAD.unpack_from(self._data, start)
+        opcode, length = RECORD_HEAD.unpack_from(self._data, start)
         end = body + length
         return Span(opcode, start, body, min(end, self.size), complete=end <= self.size)
 
@@ -138,7 +119,7 @@ class McapFile:
             start = self._next_chunk(0)
             if start:
                 yield Span(UNREADABLE, 0, 0, start)
-        while start + _HEAD.size <= self.size:
+        while start + RECORD_HEAD.size <= self.size:
             span = self.span_at(start)
             if self._is_record(span):
                 yield span
@@ -166,20 +147,18 @@ class McapFile:
         if span.opcode == UNREADABLE:
             raise DamagedLogError(f"the {span.end - span.start} bytes at {span.start} are damaged")
         if span.opcode == Opcode.CHUNK:
-            inside = self.chunk_data(span) if span.complete else self._start_of_chunk_data(span)
-            yield from _split(inside)
-            return
-        record_type = _RECORD_TYPES.get(span.opcode)
-        if record_type is None:
-            return
-        try:
-            record: McapRecord = record_type.read(_stream(self._data[span.body : span.end]))
-        except DECODE_ERRORS as error:
-            name = record_type.__name__.lower()
-            raise DamagedLogError(
-                f"the {name} at byte {span.start} is damaged ({error})"
-            ) from error
-        yield record
+            yield from split_records(
+                self.chunk_data(span) if span.complete else self._start_of_chunk_data(span)
+            )
+        elif span.opcode in _PARSED:
+            try:
+                record = parse_record(self.bytes_of(span.start, span.end))
+            except DECODE_ERRORS as error:
+                kind = Opcode(span.opcode).name.lower()
+                raise DamagedLogError(
+                    f"the {kind} at byte {span.start} is damaged ({error})"
+                ) from error
+            yield record
 
     def chunk_data(self, span: Span) -> bytes:
         """Return the decompressed contents of the complete chunk at ``span``.
@@ -188,7 +167,7 @@ class McapFile:
             DamagedLogError: the contents do not have the size and checksum that the chunk states.
         """
         try:
-            chunk = Chunk.read(_stream(self._data[span.body : span.end]))
+            chunk = Chunk.read(ReadDataStream(BytesIO(self._data[span.body : span.end])))
             stream, size = get_chunk_data_stream(chunk, validate_crc=True)
             data: bytes = stream.read(size) if size else b""
         except DECODE_ERRORS as error:
@@ -206,6 +185,13 @@ class McapFile:
         name = self.bytes_of(start, min(start + 8, chunk.end))
         length = int.from_bytes(name[:4], "little")
         return name[4 : 4 + length].decode(errors="replace")
+
+    def _start_of_chunk_data(self, span: Span) -> bytes:
+        """Return as much as can be decompressed of a chunk whose end is missing."""
+        compression = self.compression(span)
+        # Behind the compression's name stands the size of the compressed data.
+        start = span.body + _COMPRESSION_OFFSET + 4 + len(compression) + 8
+        return decompress_start(compression, self.bytes_of(start, span.end))
 
     def _is_record(self, span: Span) -> bool:
         """Return whether there is a complete record at ``span``, by what stands behind it too."""
@@ -231,28 +217,6 @@ class McapFile:
             if self._is_intact_chunk(self.span_at(match.start())):
                 return match.start()
         return self.size
-
-    def _start_of_chunk_data(self, span: Span) -> bytes:
-        """Return as much as can be decompressed of a chunk whose end is missing."""
-        compression = self.compression(span)
-        # Behind the compression's name stands the size of the compressed data.
-        start = span.body + _COMPRESSION_OFFSET + 4 + len(compression) + 8
-        compressed = self.bytes_of(start, span.end)
-        if not compression:
-            return compressed
-        decompressor: Any = (
-            zstandard.ZstdDecompressor().decompressobj()
-            if compression == "zstd"
-            else lz4.frame.LZ4FrameDecompressor()
-        )
-        parts = []
-        try:
-            for start in range(0, len(compressed), _DECOMPRESSION_STEP):
-                step = compressed[start : start + _DECOMPRESSION_STEP]
-                parts.append(decompressor.decompress(step))
-        except DECODE_ERRORS:
-            pass
-        return b"".join(parts)
 
 
 @contextmanager
@@ -280,36 +244,6 @@ def open_mcap(path: Path) -> Iterator[McapFile]:
             data.close()
 
 
-def _split(data: bytes) -> Iterator[McapRecord]:
-    """Yield the complete records at the beginning of a chunk's contents."""
-    offset = 0
-    while offset + _HEAD.size <= len(data):
-        opcode, length = _HEAD.unpack_from(data, offset)
-        offset += _HEAD.size
-        end = offset + length
-        if end > len(data):
-            return
-        try:
-            if opcode == Opcode.MESSAGE:
-                channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, offset)
-                yield Message(
-                    channel_id=channel,
-                    log_time=log_time,
-                    data=data[offset + _MESSAGE_HEAD.size : end],
-                    publish_time=publish_time,
-                    sequence=sequence,
-                )
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                yield _RECORD_TYPES[opcode].read(_stream(data[offset:end]))
-        except DECODE_ERRORS:
-            return
-        offset = end
-
-
 def _is_opcode(number: int) -> bool:
     """Return whether ``number`` is the opcode of a record outside chunks."""
     return bool(Opcode.HEADER <= number <= Opcode.DATA_END)
-
-
-def _stream(data: bytes) -> ReadDataStream:
-    return ReadDataStream(BytesIO(data))

@@ -12,8 +12,9 @@ from mcap.opcode import Opcode
 from mcap.records import Footer, MessageIndex
 
 from services.logger.errors import DamagedLogError
+from services.logger.read.chunks import DECODE_ERRORS
 from services.logger.read.index import read_index
-from services.logger.read.mcap_file import DECODE_ERRORS, MAGIC, McapFile, open_mcap
+from services.logger.read.mcap_file import MAGIC, McapFile, open_mcap
 
 OnProgress = Callable[[int, int], None]
 """Called with how much of a file is done and how large it is [bytes]."""
