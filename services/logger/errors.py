@@ -8,4 +8,4 @@ class LoggerError(TrillError):
 
 
 class DamagedLogError(LoggerError):
-    """A record of a log cannot be read; the text says which and why, without the file's name."""
+    """A record of a log cannot be read; the text names the record and the cause, not the file."""

@@ -31,15 +31,15 @@ COMPRESSION = {
 
 
 def write_error(path: Path, error: OSError) -> LoggerError:
-    """Return the error that says what to do about ``error`` in writing ``path``."""
+    """Return a LoggerError for ``error`` in writing ``path``, with a remedy."""
     if isinstance(error, FileExistsError) and error.filename == str(path):
         return LoggerError(f"{path} exists already; give a new --out directory")
-    cure = "give a writable --out directory"
+    remedy = "give a writable --out directory"
     if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
-        cure = f"free some space ({_room(path)}); what was flushed before stays readable"
-    return LoggerError(f"cannot write the log {path}: {error.strerror or error}; {cure}")
+        remedy = f"free some space ({_free_space(path)}); what was flushed before stays readable"
+    return LoggerError(f"cannot write the log {path}: {error.strerror or error}; {remedy}")
 
 
-def _room(path: Path) -> str:
+def _free_space(path: Path) -> str:
     free = shutil.disk_usage(path.parent).free
     return f"{free / 2**20:.0f} MiB free in {path.parent}"

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from common.errors import SchemaError
 from common.wire.codec import decode
-from services.logger.export.clock import WallClock
 from services.logger.export.errors import ExportError
 from services.logger.export.output import ExportFile, export_file
 from services.logger.export.robot import RobotModel
 from services.logger.export.routes import NOT_EXPORTED, Routes
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader, RecordedMessage
+from services.logger.read.wall_clock import WallClock
 
 OnProgress = Callable[[int, int], None]
 """Called with how many messages are done, and of how many."""

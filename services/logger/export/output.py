@@ -8,9 +8,9 @@ from typing import IO
 
 from mcap.writer import CompressionType, Writer
 
-from services.logger.export.clock import Times
 from services.logger.export.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
+from services.logger.read.wall_clock import Times
 
 METADATA = "trill"
 """Name of the file's metadata record: what it was made from."""

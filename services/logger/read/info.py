@@ -27,6 +27,7 @@ from services.logger.read.mcap_file import open_mcap
 from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import recover
 from services.logger.read.segments import existing_segments
+from services.logger.read.wall_clock import WallClock
 
 
 @dataclass(frozen=True)
@@ -62,11 +63,8 @@ class SegmentInfo:
 
     def wall_ns(self, monotonic_ns: int) -> int:
         """Return the wall-clock time [ns since 1970] of a monotonic one; 0 if it is not known."""
-        try:
-            offset = int(self.origin["wall_ns"]) - int(self.origin["monotonic_ns"])
-        except (KeyError, ValueError):
-            return 0
-        return monotonic_ns + offset
+        clock = WallClock.of(self.origin)
+        return monotonic_ns + clock.offset if clock.known else 0
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,7 @@ _COMMAND = (sys.executable, "-m", "rerun_cli")
 
 
 def _environment() -> dict[str, str]:
-    # On what it takes for a test machine Rerun sends no usage statistics, however configured.
+    # With CI set Rerun sends no usage statistics, whatever is configured.
     return {**os.environ, "CI": "1"}
 
 

@@ -1,8 +1,8 @@
 """Serves a recording with Rerun's web viewer on this machine only, from one port.
 
-Rerun's own server (``rr.serve_web_viewer``) is not used directly: it listens on all interfaces, and
-the page it serves loads fonts and sends usage statistics, which a browser cannot be told to leave.
-Here the page is served under a Content-Security-Policy that lets it talk to this server alone.
+Rerun's own server (``rr.serve_web_viewer``) is not used: it listens on all interfaces, and its page
+loads fonts from elsewhere and sends usage statistics, which cannot be switched off. Here the page is
+served under a Content-Security-Policy that lets it communicate with this server only.
 """
 
 import contextlib

@@ -1,4 +1,4 @@
-"""The ledger of a log: exact figures, links over time, files, and what a person is told."""
+"""The latency breakdown of a log: exact figures, links over time, files and texts."""
 
 import csv
 from collections.abc import Iterator
@@ -153,7 +153,7 @@ def test_an_unknown_clock_is_left_out_of_wire_and_total() -> None:
     }
 
 
-def test_links_are_told_apart_over_time() -> None:
+def test_links_are_separated_over_time() -> None:
     log: Any = FakeLog(
         (LINK_CHANGE, change(200.0, "2ms")),
         *[(JOURNAL, second(number)) for number in range(5)],
@@ -170,7 +170,7 @@ def test_links_are_told_apart_over_time() -> None:
     assert (1e3 * later.requested_p99, 1e3 * later.achieved_mean) == pytest.approx((7.0, 7.0))
 
 
-def test_health_tells_of_links_that_no_change_told_of() -> None:
+def test_health_gives_the_delay_of_links_without_a_change_message() -> None:
     link = LinkHealth(
         topic="teleop/setpoint", received=1, rate=1.0, age=0.1, gaps=0, refused=0,
         link="trace(gone.csv)", requested_mean=0.25, requested_p99=0.5,
@@ -185,7 +185,7 @@ def test_health_tells_of_links_that_no_change_told_of() -> None:
         assert (found.requested_mean, found.requested_p99, found.passed) == (0.25, 0.5, 2)
 
 
-def test_a_link_nobody_can_explain_has_unknown_wishes() -> None:
+def test_the_requested_delay_of_an_unreadable_link_is_unknown() -> None:
     log: Any = FakeLog((LINK_CHANGE, change(200.0, "magic")), (JOURNAL, second(1)))
     (found,) = ledger_table(log).links
     assert isnan(found.requested_mean)

@@ -1,4 +1,4 @@
-"""A recorder that comes as a guest: finds the robot and its topics, and says nothing."""
+"""A recorder connected as a client finds the robot and its topics, and publishes nothing."""
 
 import ast
 import json
@@ -42,7 +42,7 @@ def bus() -> Iterator[BusConfig]:
 
 @pytest.fixture
 def robot(bus: BusConfig) -> Iterator[Any]:
-    """A plant that describes itself, publishes gaits, and something nobody here knows."""
+    """A plant that describes itself, publishes gaits, and a topic that is in no table."""
     session: Any = open_session(bus, "sim")
     server = SchemaServer("draco3", "sim", (TELEOP_GAIT, CAMERA_LEFT))
     server.open(session)
@@ -172,7 +172,7 @@ def test_two_robots_have_to_be_chosen_from_and_none_is_said(bus: BusConfig) -> N
     session.close()
 
 
-def test_a_guest_records_without_being_told_anything_and_publishes_nothing(
+def test_a_client_finds_the_robot_and_its_schemas_and_publishes_nothing(
     bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = tmp_path / "log.mcap"

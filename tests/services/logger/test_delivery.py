@@ -107,7 +107,7 @@ def test_a_flood_of_streams_is_bounded() -> None:
         st.tuples(st.integers(0, 40), st.sampled_from(["record", "drop", "lose"])), max_size=80
     )
 )
-def test_the_account_is_exact_whatever_happens(events: list[tuple[int, str]]) -> None:
+def test_the_counts_are_exact_whatever_happens(events: list[tuple[int, str]]) -> None:
     stats = DeliveryStats()
     recorded: set[int] = set()
     drops: set[int] = set()

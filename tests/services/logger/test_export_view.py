@@ -1,4 +1,4 @@
-"""Preparing a log for Rerun, and serving it to a browser and nobody else."""
+"""A log is prepared for Rerun, and served to a browser on this machine only."""
 
 import os
 import threading

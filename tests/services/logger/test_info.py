@@ -1,4 +1,4 @@
-"""What a log says about itself, with and without its index."""
+"""The summary of a log, with and without its index."""
 
 from pathlib import Path
 

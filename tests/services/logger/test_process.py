@@ -101,9 +101,7 @@ def test_kill_loses_less_than_a_second(bus: BusConfig, feed: Feed, tmp_path: Pat
     assert [m.request_id for m in messages] == recorded  # type: ignore[attr-defined]
 
 
-def test_stop_records_everything_and_accounts_for_it(
-    bus: BusConfig, feed: Feed, tmp_path: Path
-) -> None:
+def test_stop_records_and_counts_everything(bus: BusConfig, feed: Feed, tmp_path: Path) -> None:
     with logger(tmp_path, bus.base_port) as process:
         feed.send_until_recorded(tmp_path / "log.mcap")
         feed.send_for(0.5)

@@ -86,7 +86,7 @@ def test_zstd_too_block_by_block(tmp_path: Path) -> None:
     assert repair(tmp_path / "log.mcap").losses.partial_messages > 20
 
 
-def test_flipped_bits_cost_a_chunk_and_are_accounted_for(tmp_path: Path) -> None:
+def test_flipped_bits_cost_a_chunk_that_is_counted_as_lost(tmp_path: Path) -> None:
     samples = arrivals()
     record_path = tmp_path / "log.mcap"
     config = LoggerConfig(chunk_size=20_000)
@@ -102,7 +102,7 @@ def test_flipped_bits_cost_a_chunk_and_are_accounted_for(tmp_path: Path) -> None
         path = tmp_path / "damaged.mcap"
         path.write_bytes(damaged)
         if not fault_of(path):
-            # A bit in a metadata record's text or in the account: nothing a reader relies on.
+            # A bit in the text of a metadata record, on which no reader relies.
             continue
         done = repair(path, discard_original=True)
         found = stock_payloads(path)
@@ -241,7 +241,7 @@ def test_the_open_episode_is_closed_and_the_others_stay(tmp_path: Path) -> None:
     assert after == [("a", 1000, 2000, "complete"), ("b", 3000, 4000, "interrupted")]
 
 
-def test_drops_are_in_the_account_of_a_killed_recorder(tmp_path: Path) -> None:
+def test_drops_of_a_killed_recorder_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     config = LoggerConfig(queue_messages=4, drain_period=0.02, flush_period=0.02)
     sink = McapSink(path, "draco3", config)

@@ -1,4 +1,4 @@
-"""Publishers over real Zenoh, queues far too small: every message is accounted for."""
+"""Publishers over real Zenoh and queues that are too small: every message is counted."""
 
 import time
 from collections.abc import Iterator
@@ -71,7 +71,7 @@ def test_sent_is_recorded_and_lost_and_dropped(sessions: tuple[Any, Any], tmp_pa
         if tap.received == received:
             break
         received = tap.received
-    # The last of each stream arrives for certain, so that the end of the account is known.
+    # The last of each stream arrives for certain, so that the end of each stream is known.
     last = GaitRequest(request_id=COUNT, gait=Gait.NONE)
     for publisher, message in zip(
         publishers, (last, last, frame("left"), frame("right")), strict=True
