@@ -1,8 +1,8 @@
 """Serves a recording with Rerun's web viewer on this machine only, from one port.
 
 Rerun's own server (``rr.serve_web_viewer``) is not used: it listens on all interfaces, and its page
-loads fonts from elsewhere and sends usage statistics, which cannot be switched off. Here the page is
-served under a Content-Security-Policy that lets it communicate with this server only.
+loads fonts from elsewhere and sends usage statistics, which cannot be switched off. Here the page
+is served under a Content-Security-Policy that lets it communicate with this server only.
 """
 
 import contextlib
