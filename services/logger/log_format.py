@@ -20,6 +20,8 @@ DROPS_METADATA = "drops"
 """What the logger dropped since the last such record."""
 DELIVERY_METADATA = "account"
 """At the end: the delivery statistics of the recording up to here, with all sequence numbers."""
+END_METADATA = "end"
+"""At the end of the recording, not of a segment: when it was stopped."""
 REPAIR_METADATA = "repair"
 """Written by the repair: what was wrong and what could not be read."""
 

@@ -16,6 +16,7 @@ from services.logger.errors import LoggerError
 from services.logger.log_format import (
     CARRIED_METADATA,
     DELIVERY_METADATA,
+    END_METADATA,
     REPAIR_METADATA,
     START_METADATA,
 )
@@ -228,7 +229,10 @@ def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> l
         for at_ns, mark in _decoded(index, EPISODE):
             if isinstance(mark, EpisodeMark):
                 book.observe(mark, at_ns)
-    if previous is not None and previous.whole:
+        for end in index.metadata_named(END_METADATA):
+            with contextlib.suppress(ValueError, KeyError):
+                book.close(int(end["monotonic_ns"]))
+    if previous is not None and previous.repaired:
         book.close(previous.end_ns)
     return book.finished if book.open is None else [*book.finished, book.open]
 

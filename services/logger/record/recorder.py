@@ -21,6 +21,7 @@ from services.logger.log_format import (
     CARRIED_METADATA,
     DELIVERY_METADATA,
     DROPS_METADATA,
+    END_METADATA,
 )
 from services.logger.read.delivery import DeliveryCount, DeliveryStats, total
 from services.logger.read.episodes import EpisodeBook
@@ -110,6 +111,7 @@ class Recorder:
             thread.join()
         if self._error is not None:
             raise self._error
+        self._sink.note(END_METADATA, {"monotonic_ns": str(time.monotonic_ns())})
         self._finish()
         self._sink.release()
         return self._delivery.report()
