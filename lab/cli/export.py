@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from deploy.system import LOG_FILE
 from lab.errors import LabError
-from lab.logs.files import log_path, progress_bar
+from lab.logs.paths import log_path
+from lab.progress import ProgressBar
 
 if TYPE_CHECKING:
     from services.logger.export.convert import Summary
@@ -72,11 +73,11 @@ def export(arguments: argparse.Namespace) -> int:
     """Convert a log; exit code 0 also if some topics were left out."""
     log = log_path(arguments.log)
     out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
-    with _extra("export"), progress_bar("converting") as show:
+    with _extra("export"), ProgressBar("converting") as bar:
         from services.logger.export.convert import export_log
 
         summary = export_log(
-            log, out, topics=arguments.topics, force=arguments.force, on_progress=show
+            log, out, topics=arguments.topics, force=arguments.force, on_progress=bar.show
         )
     print("\n".join(summary_lines(summary)))
     return 0
@@ -99,8 +100,8 @@ def view(arguments: argparse.Namespace) -> int:
         from services.logger.view import rerun
 
         rerun.require_rerun()
-        with progress_bar("converting") as show:
-            prepared = rerun.prepare(log, fresh=arguments.fresh, on_progress=show)
+        with ProgressBar("converting") as bar:
+            prepared = rerun.prepare(log, fresh=arguments.fresh, on_progress=bar.show)
         if prepared.summary is not None:
             print("\n".join(_remarks(prepared.summary)))
         print(f"recording      {prepared.path}")

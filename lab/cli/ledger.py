@@ -7,7 +7,7 @@ from pathlib import Path
 
 from common.errors import ConfigError
 from lab.cli.commands import Command
-from lab.logs.files import log_path
+from lab.logs.paths import log_path
 from services.logger.read.reader import LogReader
 
 TEXT = """Show the latency breakdown of every message that a service read, from a log: the exact

@@ -11,7 +11,8 @@ from common.schemas import EpisodeAction
 from common.transport.config import BusConfig, bus_config, bus_of, split_list
 from deploy.system import RUNS, new_run_dir
 from lab.cli.commands import Command
-from lab.logs.files import log_path, progress_bar
+from lab.logs.paths import log_path
+from lab.progress import ProgressBar
 from services.logger.__main__ import add_recording_options, settings_of
 
 RECORD = """Record every message on the bus of a running system until Ctrl-C. Beside the robot no
@@ -134,9 +135,9 @@ def _repair(arguments: argparse.Namespace) -> int:
     for number, path in enumerate(existing_segments(log_path(arguments.log)), start=1):
         out = None if arguments.out is None else segment(arguments.out, number)
         try:
-            with progress_bar(path.name) as show:
+            with ProgressBar(path.name) as bar:
                 done = repair(
-                    path, out, discard_original=arguments.discard_original, on_progress=show
+                    path, out, discard_original=arguments.discard_original, on_progress=bar.show
                 )
         except TrillError as error:
             print(f"trill: {error}", file=sys.stderr)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from lab.logs.files import log_path
+from lab.logs.paths import log_path
 
 TEXT = """Replay a log, in one of two ways.
 

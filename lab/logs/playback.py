@@ -22,7 +22,7 @@ from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
 from deploy.process import terminated_as_interrupted
 from lab.errors import LabError
-from lab.logs.files import progress_bar
+from lab.progress import ProgressBar
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader, RecordedMessage
 
@@ -260,11 +260,11 @@ def _play(player: Player, monitor: NameMonitor, extent: Extent, options: PlayOpt
     )
     first, last = options.window
     last = min(last, extent.seconds)
-    with progress_bar(f"publishing {bus.robot}") as show:
+    with ProgressBar(f"publishing {bus.robot}", max(last - first, 1e-9)) as bar:
         while True:
             for place in player.play():
                 monitor.check()
-                show(place - first, max(last - first, 1e-9))
+                bar.show(place - first, text=f"{place:.1f} s")
             if not options.loop:
                 return
             time.sleep(0.01)  # an empty window must not spin

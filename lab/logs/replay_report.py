@@ -8,8 +8,8 @@ from rich.table import Table
 
 from common.errors import ConfigError, TrillError
 from common.runtime.replay.result import Report
-from lab.logs.files import progress_bar
 from lab.logs.replay_check import Checker, CheckOptions, runs_in, select_runs
+from lab.progress import ProgressBar
 
 
 def check(path: Path, options: CheckOptions) -> int:
@@ -28,8 +28,8 @@ def check(path: Path, options: CheckOptions) -> int:
     for run in runs:
         name = f"{run.service}, run {run.number}"
         try:
-            with progress_bar(name) as show:
-                report = checker.check(run, show)
+            with ProgressBar(name) as bar:
+                report = checker.check(run, bar.show)
         except TrillError as error:
             print(f"{name}: {error}", file=sys.stderr)
             codes.append(2)
