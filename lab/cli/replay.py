@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
+from common.transport.config import split_list
 from lab.logs.paths import log_path
 
 TEXT = """Replay a log, in one of two ways.
@@ -46,7 +47,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--until", dest="end", type=_seconds, default=float("inf"), metavar="S", help="end here [s]"
     )
-    check = parser.add_argument_group("run services again")
+    _add_check_arguments(parser.add_argument_group("run services again"))
+    _add_publish_arguments(parser.add_argument_group("publish"))
+
+
+def _add_check_arguments(check: argparse._ArgumentGroup) -> None:
     check.add_argument("--list", action="store_true", help="only list the service runs in the log")
     check.add_argument(
         "--check", action="store_true", help="compare outputs; of all services if none is named"
@@ -80,14 +85,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="show every field that differs, and what the services log",
     )
-    play = parser.add_argument_group("publish")
+
+
+def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
     play.add_argument(
         "--speed", type=_positive, default=1.0, help="times that of the recording (1)"
     )
     play.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
     play.add_argument(
         "--topics",
-        type=_names,
+        type=split_list,
         default=(),
         metavar="NAMES",
         help="only these, separated by commas, e.g. camera/* (all)",
@@ -102,7 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     play.add_argument("--base-port", type=int, help="port of the bus (7448, or TRILL_BASE_PORT)")
     play.add_argument(
         "--connect",
-        type=_names,
+        type=split_list,
         metavar="ENDPOINTS",
         help="connect as a client instead, e.g. to tcp/192.0.2.7:7447",
     )
@@ -167,7 +174,3 @@ def _positive(text: str) -> float:
     if not 0.0 < value <= 1000.0:
         raise argparse.ArgumentTypeError(f"expected more than 0 and at most 1000, got {text}")
     return value
-
-
-def _names(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())
