@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deploy.system import LOG_FILE
+from lab.cli.commands import Action
 from lab.errors import LabError
 from lab.logs.paths import log_path
-from lab.progress import ProgressBar
 
 if TYPE_CHECKING:
     from services.logger.export.convert import Summary
@@ -70,7 +70,9 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Convert a log; exit code 0 also if some topics were left out."""
+    """Convert a log; return exit code 0 also if some topics were left out."""
+    from lab.progress import ProgressBar
+
     log = log_path(arguments.log)
     out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
     with _extra("export"), ProgressBar("converting") as bar:
@@ -94,7 +96,9 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def view(arguments: argparse.Namespace) -> int:
-    """Open a log in Rerun; returns the viewer's exit code."""
+    """Open a log in Rerun; return the viewer's exit code."""
+    from lab.progress import ProgressBar
+
     log = log_path(arguments.log)
     with _extra("view"):
         from services.logger.view import rerun
@@ -149,3 +153,7 @@ def _extra(name: str) -> Iterator[None]:
             f"this needs {error.name}, which is not installed; pip install 'trill[{name}]' "
             f"(or -e '.[{name}]' in a checkout)"
         ) from error
+
+
+EXPORT_ACTION = Action(EXPORT, EXPORT_EXAMPLES, add_export_arguments, export)
+VIEW_ACTION = Action(VIEW, VIEW_EXAMPLES, add_view_arguments, view)

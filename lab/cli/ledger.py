@@ -6,9 +6,8 @@ from math import inf
 from pathlib import Path
 
 from common.errors import ConfigError
-from lab.cli.commands import Command
+from lab.cli.commands import Action
 from lab.logs.paths import log_path
-from services.logger.read.reader import LogReader
 
 TEXT = """Show the latency breakdown of every message that a service read, from a log: the exact
 median and 99th percentile of each stage over all messages. Stages: capture (from capturing the
@@ -55,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lab.logs.ledger_log import ledger_table, render, write_csv
+    from services.logger.read.reader import LogReader
 
     begin, end = arguments.begin, arguments.end
     if not 0.0 <= begin < end:
@@ -87,11 +87,4 @@ def _refuse_unwritable(table: Path | None, plot: Path | None) -> None:
             raise ConfigError(f"cannot write {path}: there is no directory {path.parent}")
 
 
-COMMAND = Command(
-    "ledger",
-    "show the latency breakdown of a log",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -5,15 +5,15 @@ import json
 import os
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from common.errors import TrillError
-from common.schemas import EpisodeAction
-from common.transport.config import BusConfig, bus_config, bus_of, split_list
 from deploy.system import RUNS, new_run_dir
-from lab.cli.commands import Command
+from lab.cli.commands import Action
 from lab.logs.paths import log_path
-from lab.progress import ProgressBar
-from services.logger.__main__ import add_recording_options, settings_of
+
+if TYPE_CHECKING:
+    from common.transport.config import BusConfig
 
 RECORD = """Record every message on the bus of a running system until Ctrl-C. Beside the robot no
 option is needed. From another machine --connect is enough: the recorder asks for the robot's name
@@ -72,12 +72,16 @@ def _bus_arguments(parser: argparse.ArgumentParser, what: str) -> None:
 
 
 def _record_arguments(parser: argparse.ArgumentParser) -> None:
+    from services.logger.__main__ import add_recording_options
+
     _bus_arguments(parser, "to record")
     parser.add_argument("--out", type=Path, help="directory of the new log.mcap (runs/<time>/)")
     add_recording_options(parser)
 
 
 def _record(arguments: argparse.Namespace) -> int:
+    from services.logger.__main__ import settings_of
+
     # Check the options first, so that a wrong one leaves no empty directory.
     _bus(arguments)
     settings_of(arguments, {})
@@ -128,6 +132,7 @@ def _repair_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _repair(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import repair_lines
+    from lab.progress import ProgressBar
     from services.logger.read.segments import existing_segments, segment
     from services.logger.repair.repair import repair
 
@@ -154,18 +159,21 @@ def _mark_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _mark(arguments: argparse.Namespace) -> int:
+    from common.schemas import EpisodeAction
     from lab.logs.mark import mark
 
     print(mark(_bus(arguments), EpisodeAction[arguments.action.upper()], arguments.label))
     return 0
 
 
-def _bus(arguments: argparse.Namespace) -> BusConfig:
+def _bus(arguments: argparse.Namespace) -> "BusConfig":
     """Return the bus: as a client if --connect is given, else as a part of the system.
 
     Raises:
         ConfigError: the file, an option or an environment variable is wrong.
     """
+    from common.transport.config import bus_config, bus_of, split_list
+
     bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
     if not arguments.connect:
         return bus
@@ -177,18 +185,7 @@ def _bus(arguments: argparse.Namespace) -> BusConfig:
     return bus_config(bus.model_dump(exclude_unset=True), given)
 
 
-COMMANDS = (
-    Command(
-        "record",
-        "record a running system",
-        RECORD,
-        RECORD_EXAMPLES,
-        _record_arguments,
-        _record,
-    ),
-    Command("info", "show what is in a log", INFO, INFO_EXAMPLES, _info_arguments, _info),
-    Command("repair", "repair a broken log", REPAIR, REPAIR_EXAMPLES, _repair_arguments, _repair),
-    Command(
-        "mark", "mark the start or end of an episode", MARK, MARK_EXAMPLES, _mark_arguments, _mark
-    ),
-)
+RECORD_ACTION = Action(RECORD, RECORD_EXAMPLES, _record_arguments, _record)
+INFO_ACTION = Action(INFO, INFO_EXAMPLES, _info_arguments, _info)
+REPAIR_ACTION = Action(REPAIR, REPAIR_EXAMPLES, _repair_arguments, _repair)
+MARK_ACTION = Action(MARK, MARK_EXAMPLES, _mark_arguments, _mark)

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from common.transport.config import split_list
+from lab.cli.commands import Action
 from lab.logs.paths import log_path
 
 TEXT = """Replay a log, in one of two ways.
@@ -94,7 +94,7 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
     play.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
     play.add_argument(
         "--topics",
-        type=split_list,
+        type=_names,
         default=(),
         metavar="NAMES",
         help="only these, separated by commas, e.g. camera/* (all)",
@@ -109,7 +109,7 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
     play.add_argument("--base-port", type=int, help="port of the bus (7448, or TRILL_BASE_PORT)")
     play.add_argument(
         "--connect",
-        type=split_list,
+        type=_names,
         metavar="ENDPOINTS",
         help="connect as a client instead, e.g. to tcp/192.0.2.7:7447",
     )
@@ -174,3 +174,12 @@ def _positive(text: str) -> float:
     if not 0.0 < value <= 1000.0:
         raise argparse.ArgumentTypeError(f"expected more than 0 and at most 1000, got {text}")
     return value
+
+
+def _names(text: str) -> tuple[str, ...]:
+    from common.transport.config import split_list
+
+    return split_list(text)
+
+
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -88,7 +88,7 @@ def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_wo
 
 
 def test_the_process_list_follows_the_options() -> None:
-    specs = {s.name: s for s in robot_processes(SystemOptions(mode="rated"), Path("r"))}
+    specs = {s.name: s for s in robot_processes(SystemOptions(torque_mode="rated"), Path("r"))}
     assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
     assert specs["wbc"].args == ("--torque-mode", "rated")
     assert specs["sim"].args == ("--torque-mode", "rated", "--seed", "0")

@@ -250,7 +250,7 @@ def test_csv_has_every_stage(tmp_path: Path) -> None:
 def test_command_writes_table_and_plot(
     tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lab.cli.ledger.LogReader", lambda _path: full_log())
+    monkeypatch.setattr("services.logger.read.reader.LogReader", lambda _path: full_log())
     plot = tmp_path / "ledger.png"
     assert main(["ledger", "any.mcap", "--from", "1", "--plot", str(plot)]) == 0
     assert "teleop/setpoint > wbc" in capsys.readouterr().out
@@ -277,6 +277,6 @@ def test_mistakes_are_explained(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if arguments[0] == "any.mcap":
-        monkeypatch.setattr("lab.cli.ledger.LogReader", lambda _path: full_log())
+        monkeypatch.setattr("services.logger.read.reader.LogReader", lambda _path: full_log())
     assert main(["ledger", *arguments]) == code
     assert complaint in capsys.readouterr().err

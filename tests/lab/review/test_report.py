@@ -37,12 +37,12 @@ def recorded(run_dir: Path) -> None:
 
 def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
     recorded(tmp_path)
-    summary = write_summary(tmp_path, Verdict("completed"), {"mode": "rated"})
+    summary = write_summary(tmp_path, Verdict("completed"), {"torque_mode": "rated"})
     assert summary.gaits["forward"].completed == 1
     assert summary.topics[TELEOP_GAIT.name].dropped == 3
     assert not summary.log_truncated
     kept = json.loads((tmp_path / "summary.json").read_text())
-    assert kept["environment"]["mode"] == "rated"
+    assert kept["environment"]["torque_mode"] == "rated"
     assert kept["environment"]["python"].startswith("3.")
     assert kept["gait_runs"][0]["forward"] == pytest.approx(0.2)
     text = "\n".join(report_lines(summary))
@@ -57,10 +57,10 @@ def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
 
 def test_summing_up_again_keeps_the_verdict(tmp_path: Path) -> None:
     recorded(tmp_path)
-    write_summary(tmp_path, Verdict("interrupted", "why"), {"mode": "rated"})
+    write_summary(tmp_path, Verdict("interrupted", "why"), {"torque_mode": "rated"})
     verdict, settings = known_verdict(tmp_path)
     assert verdict == Verdict("interrupted", "why")
-    assert settings["mode"] == "rated"
+    assert settings["torque_mode"] == "rated"
     (tmp_path / "summary.json").write_text("{}")
     verdict, settings = known_verdict(tmp_path)
     assert (verdict.outcome, settings) == ("unknown", {})
@@ -86,9 +86,9 @@ def test_a_full_disk_does_not_destroy_the_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded(tmp_path)
-    write_summary(tmp_path, Verdict("timed out", "too slow"), {"mode": "rated"})
+    write_summary(tmp_path, Verdict("timed out", "too slow"), {"torque_mode": "rated"})
     fill(monkeypatch)
     with pytest.raises(LabError, match="No space left"):
         write_summary(tmp_path, Verdict("completed"), {})
     verdict, settings = known_verdict(tmp_path)
-    assert (verdict, settings["mode"]) == (Verdict("timed out", "too slow"), "rated")
+    assert (verdict, settings["torque_mode"]) == (Verdict("timed out", "too slow"), "rated")
