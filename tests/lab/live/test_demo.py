@@ -1,4 +1,4 @@
-"""Who is to blame when a demonstration ends."""
+"""Verdicts on the run of a script, and how a run starts and ends."""
 
 import os
 import signal
@@ -15,9 +15,9 @@ from deploy.errors import DeployError
 from deploy.launch import Verdict, running_system
 from deploy.process import Exit, ProcessSpec, tail
 from deploy.system import SystemOptions, new_run_dir, robot_processes
-from lab.live.demo import FALL_AFTERMATH, Judge
-from lab.monitor.board import Snapshot
-from tests.lab.review.synthetic import Life
+from lab.live.demo import FALL_AFTERMATH, ScriptJudge
+from lab.monitor.bus_stats import Snapshot
+from tests.lab.review.synthetic import FakeRobot
 
 NOTHING: list[tuple[Exit, bool]] = []
 
@@ -28,17 +28,17 @@ def ended(name: str, code: int = 1, **changes: Any) -> Exit:
 
 
 def view(*, fallen: bool = False, failed: str = "", heard: bool = True) -> Snapshot:
-    life = Life()
+    robot = FakeRobot()
     operator = OperatorStatus(
         script="demo", step=3, steps=9, label="walk", finished=bool(failed), failed=failed
     )
-    _, plant = life.status(fallen=fallen)
-    _, control = life.wbc()
+    _, plant = robot.status(fallen=fallen)
+    _, control = robot.wbc()
     return Snapshot((), (), control if heard else None, plant, operator)  # type: ignore[arg-type]
 
 
-def judge(seconds: float | None = None) -> Judge:
-    return Judge("teleop", seconds, timeout=100.0)
+def judge(seconds: float | None = None) -> ScriptJudge:
+    return ScriptJudge("teleop", seconds, timeout=100.0)
 
 
 def test_the_operators_good_end_completes_the_run() -> None:
@@ -88,13 +88,15 @@ def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_wo
 
 
 def test_the_process_list_follows_the_options() -> None:
-    specs = {s.name: s for s in robot_processes(SystemOptions(mode="rated"), Path("r"))}
+    specs = {s.name: s for s in robot_processes(SystemOptions(torque_mode="rated"), Path("r"))}
     assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
     assert specs["wbc"].args == ("--torque-mode", "rated")
-    assert specs["sim"].args == ("--torque-mode", "rated", "--seed", "0")
+    assert specs["sim"].args == ("--torque-mode", "rated")
     task = robot_processes(SystemOptions(task="door/unlock", seed=7), Path("r"))
     (plant,) = (spec.args for spec in task if spec.name == "sim")
-    assert plant[2:] == ("--seed", "7", "--task", "door/unlock")
+    assert plant == ("--seed", "7", "--task", "door/unlock")
+    # A configuration file decides what no option says.
+    assert all(spec.args == () for spec in robot_processes(SystemOptions(), Path("r"))[2:])
     assert specs["logger"].args == ("--out", "r")
     assert not specs["cameras"].essential
     assert not specs["router"].essential
