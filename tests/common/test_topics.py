@@ -37,7 +37,7 @@ from deploy.ports import reserve_base_port
 from lab.logs.mark import mark
 from lab.monitor.monitor import monitored
 from services.logger.record.config import LoggerConfig
-from services.logger.record.service import LoggerService, Order, record
+from services.logger.record.service import LoggerService, RecordingOptions, record
 from services.sim.rendering.cameras import CameraService
 from services.sim.service import PlantService
 from services.teleop.keyboard.service import KeyboardOperator
@@ -139,11 +139,11 @@ def test_a_live_bus_uses_only_keys_of_the_tables(tmp_path: Path, uses: set[Use])
     log, stopped = tmp_path / "log.mcap", threading.Event()
     with reserve_base_port() as port:
         bus = BusConfig(base_port=port)
-        order = Order(bus, log, LoggerConfig(), ask=True)
+        options = RecordingOptions(bus, log, LoggerConfig(), find_robot=True)
         with (
             live(ToyPlant(period_ns=5_000_000, every=1), bus),
             live(ToyController(trigger=True), bus),
-            running(lambda: record(order, stopped.is_set), stopped.set),
+            running(lambda: record(options, stopped.is_set), stopped.set),
             monitored(bus) as monitor,
         ):
             until(log.exists)

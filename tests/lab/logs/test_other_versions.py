@@ -62,14 +62,14 @@ def older_journal(payload: bytes, retag: Change) -> bytes:
 def older_log(path: Path, retag: Change = older_tag) -> Path:
     """The golden log as an older version would have written it."""
     sink = McapSink(path, "draco3", LoggerConfig())
-    for entry in LogReader(GOLDEN).entries():
+    for entry in LogReader(GOLDEN).raw_messages():
         is_journal = entry.topic is JOURNAL
         payload = (
             older_journal(entry.payload, retag) if is_journal else older_payload(entry.payload)
         )
         sample = RawSample(entry.key, payload, retag(entry.tag), entry.log_time)
         sink.write(sample, wire_header(payload))
-    sink.close({})
+    sink.close()
     return path
 
 
@@ -80,7 +80,7 @@ def old(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_message_of_an_older_log_is_read(old: Path) -> None:
     then, now = LogReader(old), LogReader(GOLDEN)
-    tags = {entry.topic: entry.tag for entry in then.entries()}
+    tags = {entry.topic: entry.tag for entry in then.raw_messages()}
     assert schema_tag(PlantState).startswith(f"{tags[PLANT_STATE]};")
     pairs = list(zip(then.messages(), now.messages(), strict=True))
     assert len(pairs) > 900

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from common.schemas import Gait
+from common.schemas import Gait, Header
 from common.topics import TELEOP_GAIT
 from common.wire.header import wire_header
 from deploy.launch import Verdict
@@ -13,7 +13,8 @@ from lab.errors import LabError
 from lab.review.report import file_lines, known_verdict, report_lines, write_summary
 from lab.review.summary import summarise
 from services.logger.errors import LoggerError
-from services.logger.read.tally import KeyCount, to_metadata
+from services.logger.log_format import DELIVERY_METADATA
+from services.logger.read.delivery import DeliveryStats
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from tests.disk import fill
@@ -27,7 +28,11 @@ def recorded(run_dir: Path) -> None:
     for pair in robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)):
         one = sample(pair, at=robot.now / 1000)
         sink.write(one, wire_header(one.payload))
-    sink.close(to_metadata({f"draco3/{TELEOP_GAIT.name}": KeyCount(recorded=1, dropped=3)}))
+    stats = DeliveryStats()
+    for seq in range(3):
+        stats.drop(f"draco3/{TELEOP_GAIT.name}", Header(seq=seq, boot=1, source="teleop"))
+    sink.note(DELIVERY_METADATA, stats.to_metadata())
+    sink.close()
 
 
 def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
