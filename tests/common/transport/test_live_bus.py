@@ -172,27 +172,28 @@ def test_senders_of_other_versions_are_heard_and_counted(bus: Bus) -> None:
         payload = msgpack.packb(fields | {"header": header})
         session.put("draco3/plant/state", payload, encoding=f"application/msgpack;{tag}")
 
+    def shown(count: int, fields: dict[str, Any], tag: str) -> bool:
+        """Send until such a state is shown; earlier ones may still be under way."""
+
+        def attempt() -> bool:
+            send(fields, tag)
+            inbox.begin_step(time.monotonic_ns())
+            state = inbox.latest(PLANT_STATE)
+            return state is not None and state.reset_count == count
+
+        return until(attempt)
+
     older, _, digests = own.rpartition(";")
     assert len(digests) == 4  # of the one optional field
-    assert arrived(inbox, PLANT_STATE, lambda: send(fields, older))
-    state = inbox.latest(PLANT_STATE)
-    assert state is not None
-    assert state.reset_count == 0
-    more = fields | {"reset_count": 3, "battery": 0.5}
-    assert arrived(inbox, PLANT_STATE, lambda: send(more, f"{own}12ab"))
-    state = inbox.latest(PLANT_STATE)
-    assert state is not None
-    assert state.reset_count == 3
+    assert shown(0, fields, older)
+    assert shown(3, fields | {"reset_count": 3, "battery": 0.5}, f"{own}12ab")
     (link,) = inbox.link_health()
     assert 2 <= link.adapted <= link.received
     assert link.refused == 0
     # Once one of this version has come, those of the others are through.
-    mine = fields | {"reset_count": 4}
-    while state is None or state.reset_count != 4:
-        assert arrived(inbox, PLANT_STATE, lambda: send(mine, own))
-        state = inbox.latest(PLANT_STATE)
+    assert shown(4, fields | {"reset_count": 4}, own)
     counted = inbox.link_health()[0].adapted
-    assert arrived(inbox, PLANT_STATE, lambda: send(mine, own))
+    assert shown(5, fields | {"reset_count": 5}, own)
     assert inbox.link_health()[0].adapted == counted
 
 
