@@ -1,8 +1,8 @@
 """THE table of services: their names, ports and roles.
 
 Every known service listens on its own TCP port, :data:`PORT_OFFSETS` above a base port; see
-:mod:`common.transport.config` for who connects to whom. Adding a service is one line here; who
-counts as an operator and where services listen derive from it.
+:mod:`common.transport.config` for who connects to whom. A new service needs a row here: its role
+decides whether it counts as an operator, its offset where it listens.
 """
 
 from collections.abc import Mapping
@@ -68,7 +68,12 @@ SERVICES: tuple[KnownService, ...] = (
     KnownService("keyboard", 9, Role.OPERATOR),
     KnownService("replay", 10, Role.REPLAY),
 )
-"""Every service there is."""
+"""Every service that has a port.
+
+``policy`` (a learned operator), ``plant`` and ``bridge`` are reserved: they have no code yet. ``sim`` is
+the simulated plant and ``plant`` the driver of a real robot, so both have the role PLANT; a system runs
+one of them.
+"""
 
 PORT_OFFSETS: Mapping[str, int] = {service.name: service.offset for service in SERVICES}
 """Ports by service; each listens on the base port plus its offset."""

@@ -1,7 +1,8 @@
 """THE table of topics: every key that is published is declared here and nowhere else.
 
-Publishers, inboxes, health, the logger and the live table derive from it. Adding a topic is one
-row here and one schema in :mod:`common.schemas`. Keys are ``<robot>/<topic name>``, for a topic
+Publishers, inboxes, health, the logger and the live table derive from it. A new topic needs a schema
+in :mod:`common.schemas`, a row here, its name in :data:`ALL_TOPICS`, and an example message in
+``tests/common/transport/support.py``, from which codec tests and fuzzer take it. Keys are ``<robot>/<topic name>``, for a topic
 with ``per_source`` ``<robot>/<topic name>/<source>``. The keys that are asked for rather than
 published stand in :mod:`common.queries`. ``python -m common.topics`` prints both tables.
 """
@@ -105,7 +106,7 @@ PLANT_TRUTH = Topic(
 )
 PLANT_STATUS = Topic(
     "plant/status", PlantStatus, _PLANT, _OPERATOR,
-    10.0, 0.5, doc="guard, pace, state age at torque",
+    10.0, 0.5, doc="guard, real-time factor, state age at torque",
 )
 PLANT_REQUEST = Topic(
     "plant/request", PlantRequest, _OPERATOR + _TOOL, _PLANT,
@@ -145,11 +146,11 @@ TELEOP_STATUS = Topic(
 )
 CAMERA_LEFT = Topic(
     "camera/left", CameraFrame, _SENSOR, _OPERATOR,
-    20.0, 0.5, priority=_B, doc="left eye",
+    20.0, 0.5, priority=_B, doc="left camera",
 )
 CAMERA_RIGHT = Topic(
     "camera/right", CameraFrame, _SENSOR, _OPERATOR,
-    20.0, 0.5, priority=_B, doc="right eye",
+    20.0, 0.5, priority=_B, doc="right camera",
 )
 HEALTH = Topic(
     "health", ServiceHealth, (*RUN_LIVE, Role.OBSERVER), (),

@@ -5,6 +5,11 @@ from importlib import import_module
 from common.errors import ConfigError
 
 
+def install_hint(extra: str) -> str:
+    """Return the command that installs an optional dependency of this project."""
+    return f"pip install '.[{extra}]' in a checkout of trill"
+
+
 def require(who: str, extra: str, *packages: str) -> None:
     """Check that ``packages`` can be imported.
 
@@ -21,8 +26,7 @@ def require(who: str, extra: str, *packages: str) -> None:
             import_module(package)
         except ModuleNotFoundError as error:
             raise ConfigError(
-                f"{who} needs the package {error.name}: pip install 'trill[{extra}]' (or -e "
-                f"'.[{extra}]' in a checkout)"
+                f"{who} needs the package {error.name}: {install_hint(extra)}"
             ) from error
         except ImportError as error:
             # Installed but broken: a library of the system may be missing.

@@ -8,7 +8,7 @@ from typing import Literal
 
 from common.transport.config import BusConfig, bus_of
 from deploy.ports import reserve_base_port
-from deploy.process import ProcessSpec, terminated_as_interrupted
+from deploy.process import ProcessSpec, signals_as_keyboard_interrupt
 from deploy.supervisor import Supervisor
 from deploy.system import SystemOptions, environment, new_run_dir, robot_processes
 
@@ -85,5 +85,5 @@ def running_system(
             environment(port, options.config, options.links),
         )
         bus = known.model_copy(update={"base_port": port})
-        with contextlib.suppress(KeyboardInterrupt), terminated_as_interrupted(), supervisor:
+        with contextlib.suppress(KeyboardInterrupt), signals_as_keyboard_interrupt(), supervisor:
             yield RunningSystem(supervisor, bus, run_dir)

@@ -32,7 +32,7 @@ class ProcessSpec:
         spare: a second process waits with the module already imported, so that a restart takes no
             time for imports. Costs the memory of the imported packages. The module's import must
             have no side effects. Without effect unless the process may be restarted.
-        wanted: whether to start it at all.
+        enabled: whether to start it at all.
         stop_order: processes with a lower number are stopped before those with a higher one.
         foreground: owns the terminal (input, output, Ctrl-C) instead of a log file.
         may_finish: an end with exit code 0 is a success, not a failure.
@@ -45,7 +45,7 @@ class ProcessSpec:
     restart: Restart = Restart.NEVER
     max_restarts: int = 3
     spare: bool = False
-    wanted: bool = True
+    enabled: bool = True
     stop_order: int = 0
     foreground: bool = False
     may_finish: bool = False
@@ -104,7 +104,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @contextlib.contextmanager
-def terminated_as_interrupted() -> Iterator[None]:
+def signals_as_keyboard_interrupt() -> Iterator[None]:
     """Turn SIGINT, SIGTERM and SIGHUP into KeyboardInterrupt, so that each of them cleans up.
 
     SIGINT is among them because a background process of a shell script ignores it from the start.

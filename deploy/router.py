@@ -93,7 +93,9 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
+    result.add_argument(
+        "--config", type=Path, help="TOML file with the settings of all services [TRILL_CONFIG]"
+    )
     result.add_argument("--host", help="address of the port table (127.0.0.1) [TRILL_HOST]")
     result.add_argument(
         "--base-port",

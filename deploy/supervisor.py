@@ -97,7 +97,7 @@ class Supervisor:
         self.stop()
 
     def start(self) -> None:
-        """Start every wanted process.
+        """Start every enabled process.
 
         Raises:
             DeployError: the log directory cannot be written.
@@ -110,7 +110,7 @@ class Supervisor:
                 "choose another run directory"
             ) from error
         for spec in self.specs:
-            if spec.wanted:
+            if spec.enabled:
                 process = self._spawn(spec)
                 self._children[spec.name] = _Child(spec, process, time.monotonic())
 

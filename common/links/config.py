@@ -70,9 +70,10 @@ ALIASES: Mapping[str, Alias] = {
     "command": Alias(
         "operator or policy → robot: set-points and gait requests, at the controller", _COMMAND
     ),
-    "camera": Alias("both eyes, delayed and lost alike, for every consumer", _CAMERA),
+    "camera": Alias("both cameras, delayed and lost alike, for every consumer", _CAMERA),
     "feedback": Alias(
-        "robot → operator: the eyes, and the state, status and replies an operator reads", _FEEDBACK
+        "robot → operator: the cameras, and the state, status and replies an operator reads",
+        _FEEDBACK,
     ),
     "both": Alias("command and feedback", _COMMAND | _FEEDBACK),
 }

@@ -1,5 +1,8 @@
 """Delay line: a link with latency, jitter and loss, as a pure object without a clock.
 
+:meth:`common.inbox.arrivals.ArrivalQueue.release` passes the messages of an input through its delay
+line; messages are held back there and nowhere else.
+
 Model. Message k arrives at the line at time t_k. It is lost with probability ``loss``; else it
 draws a delay d_k >= 0 (negative draws become 0) and falls due at t_k + d_k. With ``keep_order``
 (a link over a reliable, ordered transport) it falls due no earlier than the message before it:

@@ -1,4 +1,7 @@
-"""The links in force on the inputs of one service, the same live and in simulated time."""
+"""Set the links on the inputs of one service and announce changes, live and in simulated time.
+
+The messages are delayed by the inbox (:mod:`common.inbox.arrivals`), not here.
+"""
 
 from common.inbox.inbox import Inbox
 from common.links.config import LinkName, Links
@@ -10,7 +13,7 @@ _MAX_TEXT = 200
 
 
 class InboxLinks:
-    """Puts live links on a service's inbox and reports every change as a message."""
+    """Sets live links on a service's inbox and reports every change as a message."""
 
     def __init__(self, service: str, configured: Links, inbox: Inbox) -> None:
         """Begin with the links that were configured, which ``inbox`` was made with."""

@@ -8,7 +8,10 @@ from common.schemas.base import Message
 
 
 class CameraFrame(Message):
-    """One eye's image, upright, row 0 on top; ``header.stamp`` is when the scene was captured."""
+    """Image of one camera of the stereo pair, upright, row 0 on top.
+
+    ``header.stamp`` is when the scene was captured.
+    """
 
     eye: Literal["left", "right"]
     width: int = Field(ge=1, le=4096)

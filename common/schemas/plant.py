@@ -17,9 +17,10 @@ class GuardMode(IntEnum):
     ACTIVE = 1
     """Commands are applied."""
     HOLD = 2
-    """Command stale or refused: joints hold where they were."""
+    """The command in force is older than 0.1 s: joints hold where they were. A refused command alone
+    does not change the mode."""
     DAMP = 3
-    """Stale for long, or fallen: joints are only damped."""
+    """The command in force is older than 5 s, or the robot has fallen: joints are only damped."""
     ESTOP = 4
     """Emergency stop, latched until reset: joints are only damped."""
 
@@ -57,7 +58,7 @@ class JointCommand(Message):
 
 
 class PlantStatus(Message):
-    """Guard mode, pace and counters of the plant; age of the state behind the applied torque."""
+    """Guard mode, real-time factor and counters of the plant; age of the state behind the torque."""
 
     guard: GuardMode
     paused: bool

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deploy.extras import install_hint
 from deploy.system import LOG_FILE
 from lab.cli.commands import Action
 from lab.errors import LabError
@@ -40,8 +41,8 @@ EXPORT_EXAMPLES = """examples:
   trill export log.mcap --topics 'camera/*' plant/state
 """
 VIEW = """Open a log in Rerun: robot in 3D, both cameras, set-points, joints, controller states,
-errors, ages of the inputs and events on one time line. Needs Rerun: pip install 'trill[view]'
-(170 MB).
+errors, ages of the inputs and events on one time line. Needs Rerun: pip install '.[view]'
+in a checkout (170 MB).
 
 The converted log is kept beside the log (log-view.rrd) and used again next time. Rerun's usage
 statistics are off; in a browser the page can communicate with this machine only."""
@@ -150,8 +151,7 @@ def _extra(name: str) -> Iterator[None]:
         yield
     except ImportError as error:
         raise LabError(
-            f"this needs {error.name}, which is not installed; pip install 'trill[{name}]' "
-            f"(or -e '.[{name}]' in a checkout)"
+            f"this needs {error.name}, which is not installed; {install_hint(name)}"
         ) from error
 
 

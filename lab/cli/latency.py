@@ -88,7 +88,7 @@ def _explain_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _reach(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, help="TOML file for the whole stack")
+    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
     parser.add_argument("--base-port", type=int, help="of the system (7448, or TRILL_BASE_PORT)")
     parser.add_argument("--robot", help="its name (draco3, or TRILL_ROBOT)")
     parser.add_argument(

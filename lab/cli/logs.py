@@ -57,7 +57,7 @@ MARK_EXAMPLES = """examples:
 
 
 def _bus_arguments(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("--config", type=Path, help="TOML file for the whole stack")
+    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
     parser.add_argument(
         "--robot", help="robot's name (draco3, or TRILL_ROBOT; with --connect: the one found there)"
     )

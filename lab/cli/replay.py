@@ -14,7 +14,7 @@ With --service or --check: run the recorded services again, each step on exactly
 it read then, and compare their outputs with the recorded ones, byte by byte. This shows on real
 data whether a change of the code changes what the robot does, and where first.
 
-Without: publish the recorded bytes on the bus at the pace of the recording, for viewers. They are
+Without: publish the recorded bytes on the bus at the recorded rate, for viewers. They are
 published under another robot's name (draco3-replay), because a recorded command must never reach a
 live robot.
 
@@ -52,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_check_arguments(check: argparse._ArgumentGroup) -> None:
-    check.add_argument("--list", action="store_true", help="only list the service runs in the log")
+    check.add_argument("--list", action="store_true", help="only list the runs of services in the log")
     check.add_argument(
         "--check", action="store_true", help="compare outputs; of all services if none is named"
     )
@@ -113,7 +113,7 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
         metavar="ENDPOINTS",
         help="connect as a client instead, e.g. to tcp/192.0.2.7:7447",
     )
-    play.add_argument("--config", type=Path, help="TOML file for the whole stack")
+    play.add_argument("--config", type=Path, help="TOML file with the settings of all services")
 
 
 def run(arguments: argparse.Namespace) -> int:

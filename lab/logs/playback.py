@@ -20,7 +20,7 @@ from common.transport.config import BusConfig, bus_of
 from common.transport.publisher import PRIORITIES
 from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
-from deploy.process import terminated_as_interrupted
+from deploy.process import signals_as_keyboard_interrupt
 from lab.errors import LabError
 from lab.progress import ProgressBar
 from services.logger.read.info import read_info
@@ -229,7 +229,7 @@ def play(path: Path, options: PlayOptions) -> int:
         options = replace(options, bus=options.bus.model_copy(update=named))
     player: Player | None = None
     try:
-        with terminated_as_interrupted():
+        with signals_as_keyboard_interrupt():
             session: Any = open_session(options.bus, SERVICE)
             try:
                 monitor = NameMonitor(session, options.bus.robot)

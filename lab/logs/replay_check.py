@@ -1,4 +1,4 @@
-"""Replays service runs from a log: connects the logger's reader to the replay runner."""
+"""Replays runs of services from a log: connects the logger's reader to the replay runner."""
 
 import importlib
 import json
@@ -78,7 +78,7 @@ def recorded(path: Path) -> Iterator[Recorded]:
 
 
 def runs_in(path: Path) -> list[ServiceRun]:
-    """Return the service runs in a log; ``obstacle`` of each says why it cannot be replayed."""
+    """Return the runs in a log; ``obstacle`` of each says why it cannot be replayed."""
     runs = find_runs(recorded(path))
     for run in runs:
         if run.service not in SERVICES:

@@ -1,4 +1,4 @@
-"""Replays service runs of a log and prints the comparison, for ``trill replay``."""
+"""Replays runs of services from a log and prints the comparison, for ``trill replay``."""
 
 import sys
 from pathlib import Path
@@ -97,7 +97,7 @@ def _difference_lines(report: Report) -> list[str]:
 
 
 def show_runs(path: Path) -> int:
-    """Print the service runs in a log; return exit code 2 if there is none.
+    """Print the runs in a log; return exit code 2 if there is none.
 
     Raises:
         LoggerError: the file cannot be read.

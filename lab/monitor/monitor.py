@@ -18,7 +18,7 @@ from common.transport.config import BusConfig
 from common.transport.keys import subscription_of
 from common.transport.session import open_session
 from common.transport.tap import RawTap
-from deploy.process import terminated_as_interrupted
+from deploy.process import signals_as_keyboard_interrupt
 from lab.monitor.bus_stats import BusStats, Snapshot
 from lab.monitor.status_text import format_line
 from lab.monitor.table import Content, render_table
@@ -128,7 +128,7 @@ def watch(bus: BusConfig, title: str, content: Content = Content.ALL) -> None:
     """
     with (
         contextlib.suppress(KeyboardInterrupt),
-        terminated_as_interrupted(),
+        signals_as_keyboard_interrupt(),
         monitored(bus) as monitor,
         Screen(title, content=content) as screen,
     ):

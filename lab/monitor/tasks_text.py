@@ -22,14 +22,16 @@ def sheet_name(task: str) -> str:
 
 
 def task_table(tasks: list[Task]) -> Table:
-    """Return a table of the tasks; its last column names a contact sheet of a success."""
+    """Return a table of the tasks; its last column names a contact sheet, if there is one."""
     table = Table(show_lines=True)
     for title in ("task", "goal", "limit", "a success if", f"in {PICTURES}"):
         table.add_column(title, overflow="fold")
     for column in (0, 2, 4):
         table.columns[column].no_wrap = True
     for task in tasks:
-        table.add_row(task.name, task.goal, f"{task.limit:g} s", task.rule, sheet_name(task.name))
+        sheet = sheet_name(task.name)
+        picture = sheet if (PICTURES / sheet).exists() else ""
+        table.add_row(task.name, task.goal, f"{task.limit:g} s", task.rule, picture)
     return table
 
 
@@ -55,8 +57,7 @@ def describe_task(task: Task) -> str:
         + "".join(f", or: {wrong.name}" for wrong in task.failures),
         f"conditions  {noise}" + _own_link(task),
         f"origin      {task.origin}",
-        f"pictures    {PICTURES / sheet_name(task.name)} (a success of the synthetic operator), "
-        f"{PICTURES / task.scene}.jpg (the scene)",
+        *_pictures(task),
         "",
         "stages, the last is the goal:",
         *stages,
@@ -68,6 +69,16 @@ def describe_task(task: Task) -> str:
         f"operators see: {', '.join((*task.objects, *task.joints, *task.marks))}",
     ]
     return "\n".join(lines)
+
+
+def _pictures(task: Task) -> list[str]:
+    """Return a line with the pictures of a task that exist; none if there are none."""
+    pictures = (
+        (PICTURES / sheet_name(task.name), "a success of the synthetic operator"),
+        (PICTURES / f"{task.scene}.jpg", "the scene"),
+    )
+    there = [f"{path} ({meaning})" for path, meaning in pictures if path.exists()]
+    return [f"pictures    {', '.join(there)}"] if there else []
 
 
 def _own_link(task: Task) -> str:

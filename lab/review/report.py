@@ -6,6 +6,7 @@ from pathlib import Path
 from common.errors import TrillError
 from common.files import write_whole
 from common.transport.keys import topic_of
+from deploy.extras import install_hint
 from deploy.launch import RunResult, Verdict
 from deploy.system import LOG_FILE
 from lab.errors import LabError
@@ -32,7 +33,8 @@ def finish(
         LoggerError: there is no readable log.
         LabError: the summary cannot be written.
     """
-    print("reading the log", flush=True)
+    if (ended.run_dir / LOG_FILE).exists():
+        print("reading the log", flush=True)
     summary = write_summary(ended.run_dir, ended.verdict, settings)
     print("\n".join(report_lines(summary)), flush=True)
     if pictures and (failure := draw_pictures(ended.run_dir, video=video)):
@@ -93,7 +95,7 @@ def draw_pictures(run_dir: Path, *, video: bool) -> str:
     try:
         from lab.review.pictures import write_contact_sheet, write_video
     except ImportError as error:
-        return f"no pictures: {error}; install the extras with  pip install -e '.[deploy,sim]'"
+        return f"no pictures: {error}; {install_hint('deploy,sim')}"
     timeline = read_timeline(LogReader(run_dir / LOG_FILE).messages())
     try:
         with ProgressBar("contact sheet") as bar:

@@ -30,8 +30,8 @@ def _add_arguments(parser: ArgumentParser) -> None:
     group.add_argument(
         "--torque-mode",
         choices=[mode.value for mode in TorqueMode],
-        help="motor limits: relaxed (legs +200 N·m, as in the public TRILL simulation; the "
-        "standard) or rated (as in the URDF)",
+        help="torque limits of the motors: relaxed adds 200 N·m to the legs, as the public TRILL "
+        "simulation does; rated keeps those of the URDF (default: relaxed)",
     )
     group.add_argument(
         "--com-height", type=float, help="initial CoM above the soles [m] (0.70, rated 0.73)"

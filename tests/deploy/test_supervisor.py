@@ -240,7 +240,7 @@ def test_no_spare_where_it_would_not_be_used(
 
 
 def test_unwanted_processes_are_not_started(tmp_path: Path) -> None:
-    with Supervisor([ProcessSpec("no", "no_such", wanted=False)], tmp_path / "l") as supervisor:
+    with Supervisor([ProcessSpec("no", "no_such", enabled=False)], tmp_path / "l") as supervisor:
         assert not supervisor.alive("no")
         assert supervisor.poll() == []
 
@@ -278,12 +278,12 @@ def test_nothing_outlives_the_supervisor(
     script = f"""
 import sys, time
 from pathlib import Path
-from deploy.process import ProcessSpec, tail, terminated_as_interrupted
+from deploy.process import ProcessSpec, tail, signals_as_keyboard_interrupt
 from deploy.supervisor import SignalEscalation, Supervisor
 specs = [ProcessSpec(name, name) for name in {fakes!r}]
 quick = SignalEscalation(0.5, 0.5, 2.0)
 supervisor = Supervisor(specs, Path({str(tmp_path / "logs")!r}), escalation=quick)
-with terminated_as_interrupted(), supervisor:
+with signals_as_keyboard_interrupt(), supervisor:
     while not all(tail(supervisor.log_path(spec.name)) for spec in specs):
         time.sleep(0.02)
     print(*[supervisor.pid(spec.name) for spec in specs], flush=True)

@@ -90,7 +90,9 @@ def argument_parser(
 
 def _add_bus_options(group: argparse._ArgumentGroup) -> None:
     """Add the options that say how to reach the bus."""
-    group.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
+    group.add_argument(
+        "--config", type=Path, help="TOML file with the settings of all services [TRILL_CONFIG]"
+    )
     group.add_argument("--robot", help="first part of every key (default: draco3) [TRILL_ROBOT]")
     group.add_argument(
         "--mode",

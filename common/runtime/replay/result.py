@@ -52,7 +52,7 @@ class Tally:
 
 @dataclass
 class Report:
-    """The result of replaying one service run; durations in seconds.
+    """The result of replaying one run of a service; durations in seconds.
 
     Attributes:
         service, run, boot: the service's name, the number of its run and its boot id.

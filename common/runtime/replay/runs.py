@@ -1,4 +1,4 @@
-"""Split a recording into service runs, one per boot id, and list the inputs of each step.
+"""Split a recording into runs of services, one per boot id, and list the inputs of each step.
 
 A run is one process of a service (or one simulated one), from its first step to its last. Its
 journal, see :mod:`common.journal.journal`, makes it replayable.
@@ -185,7 +185,7 @@ class ServiceRun:
 
 
 def find_runs(messages: Iterable[Recorded]) -> list[ServiceRun]:
-    """Find the service runs whose journals are in a recording, in the order of their first ones.
+    """Find the runs whose journals are in a recording, in the order of their first ones.
 
     A run whose journal cannot be read by this version (see :mod:`common.wire.compatibility`) is
     listed with that as its obstacle.

@@ -164,6 +164,6 @@ def _robot(summary: Summary) -> RobotModel | None:
     except ImportError:
         summary.remarks.append(
             "MuJoCo is not installed: no link transforms, shapes and measured hands "
-            "(pip install 'trill[sim]')"
+            "(pip install '.[sim]' in a checkout of trill)"
         )
         return None

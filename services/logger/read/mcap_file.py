@@ -231,6 +231,11 @@ def open_mcap(path: Path) -> Iterator[McapFile]:
             # An empty file cannot be mapped.
             empty = not os.fstat(stream.fileno()).st_size
             data: Any = b"" if empty else mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
+    except FileNotFoundError as error:
+        raise LoggerError(
+            f"cannot open the log {path}: there is no such file; expected a log (log.mcap) or the "
+            "directory of a run"
+        ) from error
     except OSError as error:
         raise LoggerError(f"cannot open the log {path}: {error.strerror}") from error
     try:

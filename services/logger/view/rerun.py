@@ -41,8 +41,8 @@ def require_rerun() -> None:
     """
     if importlib.util.find_spec("rerun") is None:
         raise ExportError(
-            "Rerun is not installed; pip install 'trill[view]' (or -e '.[view]' in a checkout; "
-            "170 MB), or `trill export` the log and open it in another viewer"
+            "Rerun is not installed; pip install '.[view]' in a checkout of trill (170 MB), or "
+            "`trill export` the log and open it in another viewer"
         )
 
 

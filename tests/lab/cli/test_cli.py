@@ -171,5 +171,5 @@ def test_what_a_command_lacks_is_named(command: list[str]) -> None:
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
     )
     assert ended.returncode in {1, 2}
-    assert "pip install 'trill[" in ended.stderr
+    assert "pip install '.[" in ended.stderr
     assert "Traceback" not in ended.stderr

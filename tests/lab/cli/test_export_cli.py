@@ -43,7 +43,7 @@ def test_a_missing_library_names_its_extra(
 ) -> None:
     monkeypatch.setitem(sys.modules, "services.logger.export.convert", None)
     assert main(["export", str(tmp_path)]) == 1
-    assert "pip install 'trill[export]'" in capsys.readouterr().err
+    assert "pip install '.[export]'" in capsys.readouterr().err
 
 
 def test_view_without_rerun_names_its_extra(
@@ -52,7 +52,7 @@ def test_view_without_rerun_names_its_extra(
     write(tmp_path / "log.mcap", session())
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     assert main(["view", str(tmp_path)]) == 1
-    assert "pip install 'trill[view]'" in capsys.readouterr().err
+    assert "pip install '.[view]'" in capsys.readouterr().err
 
 
 def test_help_says_what_the_times_are(capsys: pytest.CaptureFixture[str]) -> None:

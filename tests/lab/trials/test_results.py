@@ -177,7 +177,7 @@ def test_a_missing_package_is_told_in_words() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "needs the package mujoco: pip install 'trill[study]'" in done.stderr
+    assert "needs the package mujoco: pip install '.[study]'" in done.stderr
     assert "Traceback" not in done.stderr
 
 

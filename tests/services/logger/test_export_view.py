@@ -69,7 +69,7 @@ def test_a_taken_port_is_named(served: str, tmp_path: Path) -> None:
 
 def test_without_rerun_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ExportError, match=r"Rerun is not installed; pip install 'trill\[view\]'"):
+    with pytest.raises(ExportError, match=r"Rerun is not installed; pip install '\.\[view\]'"):
         view.prepare(tmp_path / "log.mcap", fresh=False, on_progress=lambda done, total: None)
 
 

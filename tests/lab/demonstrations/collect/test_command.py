@@ -105,7 +105,7 @@ def test_the_command_line_is_there_without_what_collecting_needs() -> None:
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    assert "trill[collect]" in done.stdout
+    assert "'.[collect]'" in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -116,4 +116,4 @@ def test_the_missing_extra_is_named() -> None:
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 2
-    assert "trill[lerobot]" in done.stderr
+    assert "'.[lerobot]'" in done.stderr

@@ -167,7 +167,7 @@ def test_without_a_package_it_says_what_to_install_too(
     monkeypatch.setitem(sys.modules, "mujoco", None)
     who = [] if words == ["latency"] else ["--participant", "P01", "--condition", "raw"]
     assert main(["study", *words, *who]) == 2
-    assert "the package mujoco: pip install 'trill[study]'" in capsys.readouterr().err
+    assert "the package mujoco: pip install '.[study]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
