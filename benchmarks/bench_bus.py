@@ -1,4 +1,4 @@
-"""What the typed bus costs: round trips against raw Zenoh and raw TCP, codec, simulated time.
+"""Measure the cost of the typed bus: round trips against raw Zenoh and TCP, codec, runner.
 
 python benchmarks/bench_bus.py [--rounds N] [--rate HZ]
 """
@@ -44,7 +44,7 @@ def best_us(function: Callable[[], object], repeats: int = 200, number: int = 10
 
 
 def measure_codec() -> None:
-    """Print what encoding and decoding cost."""
+    """Measure and print the time of encoding and of decoding."""
     image = CameraFrame(eye="left", width=640, height=360, encoding="jpeg", data=bytes(30_000))
     messages: Sequence[tuple[Topic[Any], Message]] = (
         (PLANT_STATE, plant_state()),
@@ -96,7 +96,12 @@ def main() -> int:
     """Measure everything and print it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--rounds", type=int, default=3000, help="round trips of each kind")
-    parser.add_argument("--rate", type=float, default=200.0, help="pace of the paced run [Hz]")
+    parser.add_argument(
+        "--rate",
+        type=float,
+        default=200.0,
+        help="rate of the second run [Hz]",
+    )
     parser.add_argument(
         "--rt-priority", type=int, default=20, help="SCHED_FIFO like the services; 0 for none"
     )

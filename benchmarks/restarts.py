@@ -1,4 +1,4 @@
-"""Kill the controller of a running system and time its successor's first joint command."""
+"""Kill the controller of a running system and time the first joint command after its restart."""
 
 import os
 import re
@@ -24,15 +24,15 @@ CONTROLLER = "services.wbc"
 PATIENCE_S = 60.0
 """The system must be up, and a killed controller back, within this time [s]."""
 SETTLE_S = 8.0
-"""The controller runs undisturbed for this long before it is killed, as a rule [s]."""
+"""Default time for which the controller runs undisturbed before it is killed [s]."""
 
 
 class Recovery(NamedTuple):
-    """Records what followed one kill.
+    """Result of killing the controller once.
 
     Attributes:
         seconds: from the kill to the first command of the next controller [s].
-        guards: modes in which the plant's guard was seen meanwhile.
+        guards: modes that the plant's guard reported in this time.
     """
 
     seconds: float
@@ -76,10 +76,13 @@ class Observer:
                 self._guards.append((sample.arrival_ns, status.guard))
 
     def wait_for_controllers(self, count: int) -> int:
-        """Wait until ``count`` controllers have commanded; returns when the last one began [ns].
+        """Wait until ``count`` controllers have sent a command.
+
+        Returns:
+            time of the first command of the last one [ns].
 
         Raises:
-            TimeoutError: it did not in time.
+            TimeoutError: fewer controllers have sent a command in time.
         """
         with self._changed:
             if not self._changed.wait_for(lambda: len(self._first_sent) >= count, PATIENCE_S):
@@ -96,8 +99,8 @@ def restarts(build: Build, kills: int, folder: Path, settle: float = SETTLE_S) -
     """Start a system of ``build`` and kill its controller ``kills`` times.
 
     Args:
-        build: whose system.
-        kills: how often; a supervisor restarts a service three times at most.
+        build: the version of the project that is run.
+        kills: number of kills; a supervisor restarts a service three times at most.
         folder: working directory of the system.
         settle: how long a controller runs undisturbed before it is killed [s].
 

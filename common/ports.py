@@ -70,9 +70,9 @@ SERVICES: tuple[KnownService, ...] = (
 )
 """Every service that has a port.
 
-``policy`` (a learned operator), ``plant`` and ``bridge`` are reserved: they have no code yet. ``sim`` is
-the simulated plant and ``plant`` the driver of a real robot, so both have the role PLANT; a system runs
-one of them.
+``policy`` (a learned operator), ``plant`` and ``bridge`` are reserved: they have no code yet.
+``sim`` is the simulated plant and ``plant`` the driver of a real robot, so both have the role
+PLANT; a system runs one of them.
 """
 
 PORT_OFFSETS: Mapping[str, int] = {service.name: service.offset for service in SERVICES}

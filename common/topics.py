@@ -1,10 +1,12 @@
 """THE table of topics: every key that is published is declared here and nowhere else.
 
-Publishers, inboxes, health, the logger and the live table derive from it. A new topic needs a schema
-in :mod:`common.schemas`, a row here, its name in :data:`ALL_TOPICS`, and an example message in
-``tests/common/transport/support.py``, from which codec tests and fuzzer take it. Keys are ``<robot>/<topic name>``, for a topic
-with ``per_source`` ``<robot>/<topic name>/<source>``. The keys that are asked for rather than
-published stand in :mod:`common.queries`. ``python -m common.topics`` prints both tables.
+Publishers, inboxes, health, the logger and the live table derive from it. A new topic needs a
+schema in :mod:`common.schemas`, a row here, its name in :data:`ALL_TOPICS`, and an example message
+in ``tests/common/transport/support.py``, from which codec tests and fuzzer take it.
+
+Keys are ``<robot>/<topic name>``, for a topic with ``per_source``
+``<robot>/<topic name>/<source>``. The keys of queries are in :mod:`common.queries`.
+``python -m common.topics`` prints both tables.
 """
 
 from dataclasses import dataclass

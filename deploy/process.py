@@ -1,4 +1,4 @@
-"""The declaration of a supervised process, and the report of its end."""
+"""Declare supervised processes and report how they ended."""
 
 import contextlib
 import os
@@ -29,14 +29,14 @@ class ProcessSpec:
         args: command-line arguments.
         restart: whether it is started again after it failed (at most ``max_restarts`` times).
         max_restarts: how often it is started again.
-        spare: a second process waits with the module already imported, so that a restart takes no
-            time for imports. Costs the memory of the imported packages. The module's import must
-            have no side effects. Without effect unless the process may be restarted.
+        spare: whether a second process waits with the module already imported, so that a restart
+            takes no time for imports. It costs the memory of the imported packages, and the import
+            must have no side effects. It has no effect unless the process may be restarted.
         enabled: whether to start it at all.
         stop_order: processes with a lower number are stopped before those with a higher one.
-        foreground: owns the terminal (input, output, Ctrl-C) instead of a log file.
-        may_finish: an end with exit code 0 is a success, not a failure.
-        essential: the system is of no use without it.
+        foreground: whether it owns the terminal (input, output, Ctrl-C) instead of a log file.
+        may_finish: whether an end with exit code 0 is a success instead of a failure.
+        essential: whether the system is of no use without it.
     """
 
     name: str
@@ -59,8 +59,8 @@ class Exit:
     Attributes:
         name: of the process.
         code: exit code, or the negative number of the signal that killed it.
-        expected: it was allowed to finish and did so with code 0.
-        restarted: it is running again.
+        expected: whether it was allowed to finish and did so with code 0.
+        restarted: whether it is running again.
         tail: the last lines of its log.
     """
 
@@ -105,7 +105,7 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextlib.contextmanager
 def signals_as_keyboard_interrupt() -> Iterator[None]:
-    """Turn SIGINT, SIGTERM and SIGHUP into KeyboardInterrupt, so that each of them cleans up.
+    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, so that the process cleans up.
 
     SIGINT is among them because a background process of a shell script ignores it from the start.
     """

@@ -11,8 +11,9 @@ the value shown is the newest good one before it. Should a latest-value topic pi
 dropped undecoded; they are counted as ``skipped`` and not as gaps, since the link did deliver them.
 
 A link with a delay puts its :class:`~common.links.delay.DelayLine` between queue and decoding
-(:meth:`common.inbox.arrivals.ArrivalQueue.release`). It too belongs to the service's thread: a message's arrival is then its due time exactly, whenever the
-step comes that finds it, and no thread of its own competes with the step.
+(:meth:`common.inbox.arrivals.ArrivalQueue.release`). It too belongs to the service's thread: a
+message's arrival is then its due time exactly, whenever the step comes that finds it, and no thread
+of its own competes with the step.
 """
 
 import threading

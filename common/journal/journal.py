@@ -1,8 +1,8 @@
-"""Record what a service takes in, step by step, and where the time of its inputs went.
+"""Record the messages that each step of a service takes in, with the times of their stages.
 
-The journal makes a recorded service replayable to the byte, because it says which messages each
-step saw; the ledger says where the time of a message went. Both come from the same rows, see
-:mod:`common.journal.tables`.
+The journal lists the messages of each step, so that a recorded service can be replayed to the byte.
+The latency breakdown (:mod:`common.journal.ledger`) is computed from the same rows. Their columns
+are in :mod:`common.journal.tables`.
 """
 
 import json
@@ -22,8 +22,10 @@ PERIOD_NS = 250_000_000
 """Between journal messages of a live service [ns]."""
 
 _CARRIED_NS = 5_000_000_000
-"""How long the payloads of a new sender are carried: a recorder may connect to it later than this
-reader did."""
+"""Time for which the journal carries the payloads of a new sender [ns].
+
+A recorder may connect to the sender later than this reader did.
+"""
 _CARRIED_BYTES = 8_000_000
 """Most bytes of payloads carried for one sender, and in one journal message."""
 _MAX_INPUTS = 40_000
@@ -35,8 +37,8 @@ _WINDOW_ROWS = 1000
 class Journal:
     """Collects the rows of a service's steps; belongs to the service's thread.
 
-    Its owner fetches the rows a few times a second, wanted or not. Of more than
-    :data:`_MAX_INPUTS` input records between two fetches the newest are dropped and counted.
+    Its owner fetches the rows a few times a second, even if nobody needs them. If there are more
+    than :data:`_MAX_INPUTS` input records between two fetches, the newest are dropped and counted.
     """
 
     def __init__(self, service: str, settings: Mapping[str, Any] | None = None) -> None:
@@ -78,11 +80,11 @@ class Journal:
 
         Args:
             topic: its name.
-            outcome: what became of it.
-            header: None if it has no readable one; then it is not recorded.
+            outcome: whether it was applied, and if not, why.
+            header: its header; a message without a readable one (None) is not recorded.
             payload: its bytes.
             tag: schema tag of the sender.
-            times: when it arrived, and so on.
+            times: its arrival, injected delay, clock offset and decoding time [ns].
         """
         if not self._steps or header is None:
             return

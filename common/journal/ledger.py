@@ -1,7 +1,8 @@
-"""Break the latency of every message a service took in down by stage, from journals. Pure.
+"""Compute the latency breakdown of a log from its journals, for ``trill ledger``; pure.
 
-The stages are those of :class:`~common.schemas.StageTime`, for every message of the log, by
-consumer and topic. For each link that injects delay: requested and achieved delay, and losses.
+Each message that a service took in is accounted by consumer and topic, with the time that it spent
+in each stage of :class:`~common.schemas.StageTime`. For each link that injects delay, the breakdown
+also has the requested and the achieved delay and the number of lost messages.
 """
 
 from collections import Counter
@@ -30,7 +31,7 @@ _ARRIVAL, _INJECTED = 3, 4
 
 @dataclass(frozen=True)
 class LedgerRow:
-    """One input of one service."""
+    """The latency breakdown of one input of one service."""
 
     consumer: str
     topic: str
@@ -47,7 +48,10 @@ class LedgerRow:
 
 @dataclass(frozen=True)
 class LinkRow:
-    """One link for as long as one delay was set; durations in seconds, NaN where not known."""
+    """The delay of one link during the time for which one specification was in force.
+
+    Durations are in seconds, and NaN where they are not known.
+    """
 
     consumer: str
     topic: str
@@ -62,12 +66,13 @@ class LinkRow:
 
 @dataclass
 class _Input:
-    """One input of one service.
+    """Records of one input of one service.
 
     Attributes:
-        rows: of input records: times, start of the step, results sent [ns].
-        outcomes: of the same records.
-        changes: time [ns] and link, of each change of the link.
+        rows: a row per input record: its times, the start of the step and the sending of the step's
+            results [ns].
+        outcomes: the outcomes of the same records.
+        changes: the time [ns] and the new link of each change of the link.
     """
 
     rows: list[Table] = field(default_factory=list)
@@ -110,7 +115,7 @@ class Ledger:
         account.changes.append((change.header.sent, change.link))
 
     def note_health(self, health: ServiceHealth) -> None:
-        """Note which links are in force according to their service, announced or not."""
+        """Note the links that a service reports as in force, whether or not it announced them."""
         for link in health.links:
             if link.link:
                 self._requested[link.link] = (link.requested_mean, link.requested_p99)

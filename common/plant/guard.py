@@ -1,8 +1,9 @@
 """Command guard: decides whether the motors follow the controller, hold, or go limp.
 
 They follow the commands in mode ACTIVE. They hold a posture in SILENT (the initial one, before the
-first command) and in HOLD (the present one, while the command in force is too old). They go limp, that
-is they are only damped, in DAMP and ESTOP. :class:`~common.schemas.GuardMode` defines the modes.
+first command) and in HOLD (the present one, while the command in force is too old). They go limp,
+that is they are only damped, in DAMP and ESTOP. :class:`~common.schemas.GuardMode` defines the
+modes.
 
 The guard must be right where the controller may be wrong. It is therefore small, independent of
 physics and transport, and tested in every branch.

@@ -12,7 +12,7 @@ class _Part(BaseModel):
 
 
 class StageTime(_Part):
-    """Time that messages of an input spent in one stage of their way, over the last seconds.
+    """Time that the messages of an input spent in one stage, over the last seconds.
 
     ``capture``: from capturing the information to encoding it. ``encode``: in the codec.
     ``wire``: from there to arriving at the reader's transport, by the estimated clock offset.
@@ -27,7 +27,10 @@ class StageTime(_Part):
 
 
 class LinkHealth(_Part):
-    """One input of a service as that service sees it."""
+    """Health of one input of a service: message counts, rate, age, and the delay of its link.
+
+    The service that reads the input measures it. Counts are since the start of that service.
+    """
 
     topic: str
     received: int = Field(ge=0, description="messages that arrived, good or bad")
@@ -53,7 +56,7 @@ class LinkHealth(_Part):
 
 
 class OutputHealth(_Part):
-    """One output of a service."""
+    """Health of one output of a service."""
 
     topic: str
     sent: int = Field(ge=0, description="messages handed to the transport")
@@ -61,7 +64,7 @@ class OutputHealth(_Part):
 
 
 class PeerHealth(_Part):
-    """Another service as this one sees it."""
+    """Health of another service, as measured by the service that reports it."""
 
     source: str
     alive: bool = Field(description="its heartbeat arrives")

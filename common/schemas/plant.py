@@ -17,8 +17,10 @@ class GuardMode(IntEnum):
     ACTIVE = 1
     """Commands are applied."""
     HOLD = 2
-    """The command in force is older than 0.1 s: joints hold where they were. A refused command alone
-    does not change the mode."""
+    """The command in force is older than 0.1 s: joints hold where they were.
+
+    A refused command alone does not change the mode.
+    """
     DAMP = 3
     """The command in force is older than 5 s, or the robot has fallen: joints are only damped."""
     ESTOP = 4
@@ -58,7 +60,7 @@ class JointCommand(Message):
 
 
 class PlantStatus(Message):
-    """Guard mode, real-time factor and counters of the plant; age of the state behind the torque."""
+    """Guard mode, real-time factor and counters; age of the state behind the applied torque."""
 
     guard: GuardMode
     paused: bool

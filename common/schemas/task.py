@@ -27,7 +27,7 @@ class TaskVerdict(IntEnum):
 
 
 class TaskStage(_Part):
-    """One step towards a task's goal; the last one is the goal."""
+    """One step towards the goal of a task; the last stage is the goal itself."""
 
     name: str = Field(max_length=80)
     done: bool
@@ -46,7 +46,9 @@ class TaskStatus(Message):
 
     task: str = Field(max_length=80, description="for instance door/unlock")
     seed: int = Field(ge=0, description="of this trial's start")
-    time: float = Field(ge=0.0, description="robot time since the start; the end's, once over [s]")
+    time: float = Field(
+        ge=0.0, description="robot time since the start, until the end of the trial [s]"
+    )
     limit: float = Field(gt=0.0, description="time limit [s]")
     verdict: TaskVerdict
     reason: str = Field(default="", max_length=400, description="why; empty while running")
@@ -71,10 +73,10 @@ class SceneJoint(_Part):
 
 
 class SceneState(Message):
-    """Ground truth of the objects around the robot; published together with that of the robot.
+    """Ground truth of the objects around the robot, published together with that of the robot.
 
-    ``objects`` are the task's moving objects, ``marks`` places that do not move: the goal and other
-    places the task names. ``qpos`` poses the scene in the model that plant and cameras share.
+    ``objects`` are the moving objects of the task. ``marks`` are places that do not move, such as
+    the goal. ``qpos`` sets the pose of the scene in the model that plant and cameras share.
     """
 
     scene: str = Field(max_length=80)

@@ -1,8 +1,9 @@
-"""Query services for the schemas of their topics, to record topics that are not in the table.
+"""Query services for the schemas of the topics that they publish.
 
-Each live service answers queries on :data:`common.queries.SCHEMA` with the keys it publishes,
-their schema tags and JSON Schemas. Querying every robot and service tells which robots there are
-and what they publish. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}``.
+A recorder needs them to describe topics that its own table does not contain. Each live service
+answers queries on :data:`common.queries.SCHEMA` with a msgpack map ``{key: {"tag": text,
+"jsonschema": text}}`` of the keys that it publishes. A query to every robot and service therefore
+finds the robots on the bus and their topics.
 """
 
 import json
@@ -41,7 +42,7 @@ _Answer = TypeAdapter(dict[str, Description])
 
 
 class SchemaServer:
-    """Answers queries for what a service publishes; publishes nothing itself."""
+    """Answers queries for the schemas of a service's topics."""
 
     def __init__(self, robot: str, service: str, topics: Iterable[Topic[Any]]) -> None:
         """Prepare to describe ``topics`` of ``service``."""
@@ -57,7 +58,7 @@ class SchemaServer:
 
     @cached_property
     def answer(self) -> bytes:
-        """The answer."""
+        """The answer to every query, encoded."""
         described = {}
         for topic in self._topics:
             schema: type[Message] = topic.schema
@@ -88,7 +89,7 @@ class SchemaServer:
 def discover(
     session: "zenoh.Session", robot: str = "*", timeout: float = 1.0
 ) -> dict[str, dict[str, Description]]:
-    """Query which robots there are and what they publish.
+    """Find the robots on the bus and the topics that they publish.
 
     Args:
         session: an open Zenoh session.

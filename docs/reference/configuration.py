@@ -1,4 +1,8 @@
-"""The page of the configuration file: a table for each model, found from those of the tables."""
+"""Write the reference page of the configuration file.
+
+Each configuration model has a section with a table of its fields. The models of :data:`TABLES` come
+first; the models of their fields follow.
+"""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -23,10 +27,10 @@ class Table:
     """One top-level table of the configuration file.
 
     Attributes:
-        name: as in the file.
-        title: what it is for.
-        models: what is validated; several where the service chosen decides.
-        note: what the models do not say, in Markdown.
+        name: name of the table in the file.
+        title: its purpose.
+        models: the models that validate it; several if the chosen service decides which.
+        note: further explanation, in Markdown.
     """
 
     name: str
@@ -68,7 +72,7 @@ TABLES: tuple[Table, ...] = (
     Table("keyboard", "the keyboard operator", (KeyboardConfig,)),
     Table("logger", "the recorder", (LoggerConfig,)),
 )
-"""Every table that something reads."""
+"""Every table of the configuration file."""
 
 ENVIRONMENT: Mapping[str, str] = {
     "TRILL_CONFIG": "the configuration file, as `--config`",
@@ -150,7 +154,7 @@ def configuration_page() -> str:
 
 
 def covered() -> set[Model]:
-    """Every model that has a section on the page."""
+    """Return the models that have a section on the page."""
     shown: set[Model] = set()
     models: list[Model] = [model for entry in TABLES for model in entry.models]
     models.append(Script)
@@ -160,7 +164,7 @@ def covered() -> set[Model]:
 
 
 def _paths() -> dict[Model, list[str]]:
-    """Where in the file each model's keys are."""
+    """Return the paths of the tables in the file that each model validates."""
     found: dict[Model, list[str]] = defaultdict(list)
 
     def visit(model: Model, path: str) -> None:
@@ -176,7 +180,7 @@ def _paths() -> dict[Model, list[str]]:
 
 
 def _sections(model: Model, paths: Mapping[Model, list[str]], shown: set[Model]) -> list[str]:
-    """A model's section, then those of the models within it that have none yet."""
+    """Return the section of a model and of the models within it that have none yet."""
     if model in shown:
         return []
     shown.add(model)

@@ -52,7 +52,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_check_arguments(check: argparse._ArgumentGroup) -> None:
-    check.add_argument("--list", action="store_true", help="only list the runs of services in the log")
+    check.add_argument(
+        "--list", action="store_true", help="only list the runs of services in the log"
+    )
     check.add_argument(
         "--check", action="store_true", help="compare outputs; of all services if none is named"
     )

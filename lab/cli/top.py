@@ -6,10 +6,10 @@ from lab.cli.commands import Action
 from lab.cli.system import bus_options
 
 TEXT = """Show the live table of a running system, from any terminal and any number of times: the
-controller's state and the plant's guard; which services run, and their loop timing; injected delays,
-requested and achieved; services that are gone or whose clock differs; the rate, age and losses of
-each topic; and where the time of each input's messages went (median/p99 of the last two seconds in
-ms; `trill ledger --help` explains the stages). The table fits the terminal and publishes nothing.
+controller's state and the plant's guard; which services run, and the timing of their loops;
+injected delays, requested and achieved; services that are gone or whose clock differs; the rate,
+age and losses of each topic; and the latency breakdown of each input (median/p99 of the last two
+seconds in ms; `trill ledger --help` explains the stages). The table fits the terminal and publishes nothing.
 Written to a pipe or a file it is one line every few seconds."""
 EXAMPLES = """examples:
   trill top                           the system on the standard ports

@@ -1,4 +1,4 @@
-"""Live links of services in simulated time."""
+"""Set and change the links of services in simulated time."""
 
 from common.errors import TrillError
 from common.inbox.inbox import Inbox
@@ -10,7 +10,10 @@ from common.schemas import LinkChange
 
 
 class SimLinks:
-    """Keeps the live links beyond the restart of a service, as live services do for each other."""
+    """Keeps the links that were set during a run and gives them to a service that starts again.
+
+    Live services do this for each other; see :mod:`common.links.control`.
+    """
 
     def __init__(self, configured: Links) -> None:
         """Begin with what was configured."""
@@ -19,7 +22,7 @@ class SimLinks:
         self._services: dict[str, InboxLinks] = {}
 
     def begin(self, service: str, inbox: Inbox) -> list[LinkChange]:
-        """Put the live links on the new inbox of a service that starts; return the changes."""
+        """Set the present links on the new inbox of a starting service and return the changes."""
         links = InboxLinks(service, self._configured, inbox)
         self._services[service] = links
         return [*links.initial(), *links.apply(self._live, "peer")]

@@ -1,4 +1,4 @@
-"""The table under the objects of the hardware tasks."""
+"""Build the table on which the objects of the hardware tasks stand."""
 
 from typing import Any, Final
 
@@ -6,9 +6,9 @@ from services.sim.scenes.base import Quantity
 from services.sim.scenes.parts import collision_geom, visual_geom
 
 TABLE_TOP: Final = 0.74
-"""Height of the table's surface [m]: 8 cm below the standing robot's torso frame."""
+"""Height of the table's surface [m]; the torso frame of the standing robot is 8 cm above it."""
 TABLE_EDGE: Final = 0.27
-"""World x of the edge before the robot [m]: only hands and palms are above the table."""
+"""World x of the table's edge in front of the robot [m]; only the hands reach over it."""
 
 TABLE_GRIP = Quantity("table, sliding friction", 0.6, "", "varnished wood")
 TABLE_QUANTITIES: Final = (TABLE_GRIP,)
@@ -23,7 +23,7 @@ FURNITURE_COLOURS: Final = {
 
 
 def add_table(spec: Any) -> None:
-    """Add a table of 0.45 x 1.2 m, its near edge at :data:`TABLE_EDGE`."""
+    """Add a table of 0.45 x 1.2 m whose near edge is at :data:`TABLE_EDGE`."""
     world = spec.worldbody
     half = (0.225, 0.6, 0.015)
     x = TABLE_EDGE + half[0]
