@@ -157,25 +157,25 @@ def _collect(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from lab.demonstrations.collect.collect import collect
-    from lab.demonstrations.collect.progress import Display, closing
-    from lab.demonstrations.collect.store import Store
+    from lab.demonstrations.collect.progress import CollectionBar, closing
+    from lab.demonstrations.collect.store import DatasetStore
     from lab.trials.executors import open_executor
 
     config = _config(arguments)
     root = arguments.out or DATASETS / config.task.replace("/", "-")
     console, began = Console(stderr=True), monotonic()
     try:
-        with Display(console) as display:
+        with CollectionBar(console) as bar:
             progress = collect(
                 config,
-                Store(root),
+                DatasetStore(root),
                 lambda: open_executor(arguments.jobs, arguments.ray),
                 wanted=arguments.episodes,
                 first_seed=arguments.seed,
                 max_trials=arguments.max_trials or 20 + 4 * arguments.episodes,
                 accept_changes=arguments.accept_changes,
-                on_progress=display.update,
-                on_message=display.say,
+                on_progress=bar.update,
+                on_message=bar.say,
             )
     except KeyboardInterrupt:
         text = f"\nended; what is done is in {root}: the same command goes on from there"
@@ -205,14 +205,14 @@ def _reindex(root: Path) -> int:
     """Write the index anew from the files."""
     from rich.console import Console
 
-    from lab.demonstrations.collect.store import Store
-    from lab.trials.progress import file_bar
+    from lab.demonstrations.collect.store import DatasetStore
+    from lab.progress import ProgressBar
 
-    store, console = Store(root), Console()
+    store, console = DatasetStore(root), Console()
     # Before a lock is left in a directory that is no data set.
     store.config()
-    with store.locked(), file_bar(console, "reading", len(store.files())) as on_file:
-        lines = store.scan(on_file)
+    with store.locked(), ProgressBar("reading", len(store.files())) as bar:
+        lines = store.scan(bar.advance)
         store.write_index(lines)
     console.print(f"{root}: {len(lines)} trials in the index", markup=False, soft_wrap=True)
     return 0
@@ -223,13 +223,13 @@ def _check(root: Path, seed: int | None) -> int:
     from rich.console import Console
 
     from lab.demonstrations.collect.check import check, remake
-    from lab.demonstrations.collect.store import Store
-    from lab.trials.progress import file_bar
+    from lab.demonstrations.collect.store import DatasetStore
+    from lab.progress import ProgressBar
 
-    store, console = Store(root), Console()
+    store, console = DatasetStore(root), Console()
     files = store.files()
-    with file_bar(console, "checking", len(files)) as on_file:
-        wrong = check(store, on_file)
+    with ProgressBar("checking", len(files)) as bar:
+        wrong = check(store, bar.advance)
     if seed is not None:
         wrong += filter(None, [remake(store, seed)])
     for text in wrong:

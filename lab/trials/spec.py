@@ -1,7 +1,7 @@
 """Describes one trial of a task in simulated time: its settings, and its result."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
@@ -88,3 +88,26 @@ class TrialResult(BaseModel):
     simulated: float = 0.0
     wall: float = 0.0
     links: Mapping[str, str] = Field(default_factory=dict)
+
+
+def settings_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Return ``name: one | other`` for each value that differs; nested ones as ``group.name``.
+
+    Args:
+        one: settings as JSON values.
+        other: the settings they are compared with.
+    """
+    found = []
+    for name in dict.fromkeys([*one, *other]):
+        here, there = (settings.get(name, "absent") for settings in (one, other))
+        if isinstance(here, Mapping) and isinstance(there, Mapping):
+            found += [f"{name}.{text}" for text in settings_differences(here, there)]
+        elif here != there:
+            found.append(f"{name}: {_format(here)} | {_format(there)}")
+    return found
+
+
+def _format(value: Any) -> str:
+    if value is None:
+        return "none"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

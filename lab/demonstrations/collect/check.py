@@ -14,14 +14,14 @@ from common.episodes.folder import DAMAGED, IndexLine
 from common.errors import TrillError
 from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.provenance import CodeVersion
 
 _UNIT = 1e-6
 """A quaternion's norm is one within this."""
 
 
-def check(store: Store, on_file: Callable[[], None] = lambda: None) -> list[str]:
+def check(store: DatasetStore, on_file: Callable[[], None] = lambda: None) -> list[str]:
     """Everything that is wrong, ``file: what``; empty if nothing is.
 
     Args:
@@ -65,7 +65,7 @@ def _trial(line: IndexLine, config: EpisodeConfig) -> Iterator[str]:
         yield "does not say which code made it"
 
 
-def _index(store: Store, lines: dict[str, IndexLine]) -> Iterator[str]:
+def _index(store: DatasetStore, lines: dict[str, IndexLine]) -> Iterator[str]:
     """The index against the files."""
     hint = f"mend with: trill collect --reindex {store.root}"
     try:
@@ -173,7 +173,7 @@ def _pictures(episode: Episode) -> Iterator[str]:
                 break
 
 
-def remake(store: Store, seed: int) -> str:
+def remake(store: DatasetStore, seed: int) -> str:
     """Make the trial with ``seed`` again from its own settings and compare the bytes.
 
     Returns:

@@ -15,10 +15,9 @@ from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.config import EpisodeConfig, collecting_code
 from lab.demonstrations.collect.episode import EpisodeResult, make_episode
 from lab.demonstrations.collect.space import check_room, free, needed, size
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.campaign import Executor, run_campaign
 from lab.trials.provenance import CodeVersion
-from lab.trials.workers import stop_request
 
 
 @dataclass
@@ -68,7 +67,7 @@ class SeedKey:
 
 def collect(
     config: EpisodeConfig,
-    store: Store,
+    store: DatasetStore,
     open_executor: Callable[[], Executor],
     *,
     wanted: int,
@@ -150,4 +149,4 @@ def collect(
 def _make(config: EpisodeConfig, code: CodeVersion, key: SeedKey) -> EpisodeResult:
     """Make an episode in a worker, by the same code as the campaign's."""
     code.check(collecting_code())
-    return make_episode(config, key.seed, stop_request())
+    return make_episode(config, key.seed)

@@ -97,16 +97,8 @@ class EpisodeConfig(TrialSettings):
 
     def trial(self, seed: int) -> TrialSpec:
         """Return the trial with this seed."""
-        shared = {name: getattr(self, name) for name in TrialSettings.model_fields}
-        return TrialSpec(
-            task=self.task, seed=seed, links=self.links, raw_hands=self.raw_hands, **shared
-        )
-
-
-def origin_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """Return ``name: one | other`` for each value that differs."""
-    names = dict.fromkeys([*one, *other])
-    return [f"{n}: {one.get(n)} | {other.get(n)}" for n in names if one.get(n) != other.get(n)]
+        names = set(TrialSpec.model_fields) - {"seed"}
+        return TrialSpec(seed=seed, **{name: getattr(self, name) for name in names})
 
 
 def collecting_code() -> CodeVersion:

@@ -14,7 +14,7 @@ from common.episodes.errors import EpisodeError
 from common.episodes.folder import DAMAGED, IndexLine
 from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.progress import failures
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.review.frames import write_picture
 from services.sim.rendering.render import contact_sheet
 
@@ -72,7 +72,7 @@ def show(root: Path, console: Console) -> None:
     Raises:
         EpisodeError: there is no index.
     """
-    console.print(table(Store(root).index()), markup=False)
+    console.print(table(DatasetStore(root).index()), markup=False)
 
 
 def sheet(episode: Episode, shown: int = SHOWN) -> Image:
@@ -123,7 +123,7 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
         EpisodeError: there is no such episode, or it has no pictures, or is damaged.
         LabError: the file cannot be written.
     """
-    kept = {line.meta.seed: line for line in Store(root).index() if line.kept}
+    kept = {line.meta.seed: line for line in DatasetStore(root).index() if line.kept}
     chosen = seed if seed is not None else min(kept, default=-1)
     if chosen not in kept:
         raise EpisodeError(

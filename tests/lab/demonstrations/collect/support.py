@@ -16,7 +16,7 @@ from common.episodes.episode_file import EpisodeMeta, to_bytes
 from lab.demonstrations.collect.collect import collect
 from lab.demonstrations.collect.config import EpisodeConfig, collecting_code
 from lab.demonstrations.collect.episode import EpisodeResult
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 
 FAILING = {1, 4, 5, 6, 11}
 CONFIG = EpisodeConfig(task="door/unlock", physics_steps=5, pictures=None)
@@ -110,5 +110,5 @@ def digests(root: Path) -> dict[str, str]:
 def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeExecutor:
     """Collect with an invented executor, in which the seeds ``FAILING`` are no success."""
     executor = FakeExecutor(jobs, FAILING, haste)
-    collect(CONFIG, Store(root), lambda: executor, wanted=wanted, max_trials=most)
+    collect(CONFIG, DatasetStore(root), lambda: executor, wanted=wanted, max_trials=most)
     return executor

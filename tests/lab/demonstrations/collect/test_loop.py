@@ -13,7 +13,7 @@ import pytest
 from common.episodes.errors import EpisodeError
 from common.episodes.folder import INDEX, IndexLine
 from lab.demonstrations.collect.collect import CollectionProgress, collect
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import LabError
 from tests.lab.demonstrations.collect.support import (
     CODE,
@@ -42,7 +42,7 @@ def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
     for jobs, haste in ((2, 1), (3, 2), (5, 3), (20, 4)):
         root = tmp_path / f"{jobs}"
         executor = FakeExecutor(jobs, FAILING, haste, together=min(jobs, 7))
-        collect(CONFIG, Store(root), partial(_same, executor), wanted=7)
+        collect(CONFIG, DatasetStore(root), partial(_same, executor), wanted=7)
         assert executor.ended
         assert digests(root) == digests(tmp_path / "one")
 
@@ -61,7 +61,7 @@ def test_what_a_killed_run_leaves_is_mended(tmp_path: Path) -> None:
     for attempt in range(6):
         root = tmp_path / f"{attempt}"
         gather(root, 7)
-        done = Store(root).files()
+        done = DatasetStore(root).files()
         # Of the trials some are missing, one is half written, the index is cut at any byte.
         for path in choose.sample(done, choose.randint(1, len(done))):
             if choose.random() < 0.3:
@@ -90,13 +90,13 @@ def test_nothing_to_do_needs_no_worker(tmp_path: Path) -> None:
     def none() -> FakeExecutor:
         raise AssertionError
 
-    progress = collect(CONFIG, Store(tmp_path), none, wanted=3)
+    progress = collect(CONFIG, DatasetStore(tmp_path), none, wanted=3)
     assert (progress.successes, progress.resumed) == (3, 4)
 
 
 def test_it_gives_up_after_so_many_trials(tmp_path: Path) -> None:
     executor = FakeExecutor(2, set(range(100)))
-    progress = collect(CONFIG, Store(tmp_path), lambda: executor, wanted=2, max_trials=5)
+    progress = collect(CONFIG, DatasetStore(tmp_path), lambda: executor, wanted=2, max_trials=5)
     assert not progress.complete
     assert executor.given == [0, 1, 2, 3, 4]
 
@@ -109,7 +109,9 @@ def test_the_listener_hears_of_each_trial(tmp_path: Path) -> None:
             assert line.meta.seed in progress.lines
             heard.append(line.meta.seed)
 
-    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, FAILING), wanted=3, on_progress=tell)
+    collect(
+        CONFIG, DatasetStore(tmp_path), lambda: FakeExecutor(1, FAILING), wanted=3, on_progress=tell
+    )
     assert heard == [0, 1, 2, 3]
 
 
@@ -135,23 +137,25 @@ class LosingExecutor(FakeExecutor):
 def test_a_lost_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     said: list[str] = []
     executor = LosingExecutor({1: 2, 3: 1})
-    collect(CONFIG, Store(tmp_path / "lost"), lambda: executor, wanted=5, on_message=said.append)
+    collect(
+        CONFIG, DatasetStore(tmp_path / "lost"), lambda: executor, wanted=5, on_message=said.append
+    )
     assert sum("runs the trial again" in text for text in said) == 3
-    collect(CONFIG, Store(tmp_path / "whole"), lambda: FakeExecutor(1, set()), wanted=5)
+    collect(CONFIG, DatasetStore(tmp_path / "whole"), lambda: FakeExecutor(1, set()), wanted=5)
     assert digests(tmp_path / "lost") == digests(tmp_path / "whole")
 
 
 def test_a_trial_that_costs_every_worker_ends_it_and_what_is_done_is_kept(tmp_path: Path) -> None:
     executor = LosingExecutor({2: 99}, jobs=1)
     with pytest.raises(LabError, match="seed 2 has cost 3 workers"):
-        collect(CONFIG, Store(tmp_path), lambda: executor, wanted=5)
+        collect(CONFIG, DatasetStore(tmp_path), lambda: executor, wanted=5)
     assert executor.ended
-    assert 1 in [line.meta.seed for line in Store(tmp_path).scan()]
+    assert 1 in [line.meta.seed for line in DatasetStore(tmp_path).scan()]
 
 
 def test_two_writers_are_refused(tmp_path: Path) -> None:
     with (
-        Store(tmp_path).writing(CONFIG, CODE),
+        DatasetStore(tmp_path).writing(CONFIG, CODE),
         pytest.raises(EpisodeError, match="another process"),
     ):
         gather(tmp_path, 1)
@@ -159,7 +163,7 @@ def test_two_writers_are_refused(tmp_path: Path) -> None:
 
 def test_the_index_is_rebuilt_from_the_files(tmp_path: Path) -> None:
     gather(tmp_path, 4, jobs=3)
-    store = Store(tmp_path)
+    store = DatasetStore(tmp_path)
     before = (tmp_path / INDEX).read_bytes()
     (tmp_path / INDEX).unlink()
     with pytest.raises(EpisodeError, match="--reindex"):
