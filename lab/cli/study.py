@@ -2,6 +2,7 @@
 
 import argparse
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from lab.studies.latency.plan import Plan
-    from lab.studies.latency.store import Store
+    from lab.studies.latency.store import StudyStore
 
 ROOT = Path("runs/studies/latency")
 TEXT = """The latency study: what control latency and interpolation of the hands' set-points do to
@@ -64,7 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the study that was asked for; 0, 1, or an exception of this project."""
-    require("trill study", "study", "mujoco", "pinocchio", "scipy")
+    require("trill study", "study", "matplotlib", "mujoco", "pinocchio", "scipy")
     return run_chosen(arguments, "study")
 
 
@@ -104,13 +105,13 @@ def _latency_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _plan(arguments: argparse.Namespace) -> "Plan":
-    from lab.studies.latency.conditions import chosen
+    from lab.studies.latency.conditions import chosen_conditions
     from lab.studies.latency.plan import DEFAULT_TASKS, Plan
     from services.sim.errors import TaskError
 
     values = options.trial_settings(arguments) | {
         "tasks": tuple(arguments.tasks or DEFAULT_TASKS),
-        "conditions": chosen(arguments.condition, arguments.direction),
+        "conditions": chosen_conditions(arguments.condition, arguments.direction),
         "first_seed": arguments.seed,
     }
     try:
@@ -122,16 +123,12 @@ def _plan(arguments: argparse.Namespace) -> "Plan":
 def _latency(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from lab.studies.latency.figure import pyplot
-    from lab.studies.latency.store import Store
-
-    # Before hours of trials, not after.
-    pyplot()
+    from lab.studies.latency.store import StudyStore
 
     console = Console(stderr=True)
     if arguments.report is not None:
-        return _report(Store(arguments.report))
-    store = Store(arguments.out)
+        return _report(StudyStore(arguments.report))
+    store = StudyStore(arguments.out)
     try:
         _run(arguments, store, console)
     except KeyboardInterrupt:
@@ -144,29 +141,35 @@ def _latency(arguments: argparse.Namespace) -> int:
     return _report(store)
 
 
-def _run(arguments: argparse.Namespace, store: "Store", console: "Console") -> None:
-    from lab.studies.latency.progress import Display
+def _run(arguments: argparse.Namespace, store: "StudyStore", console: "Console") -> None:
+    from lab.progress import ProgressBar
+    from lab.studies.latency.progress import show_progress
     from lab.studies.latency.run import run_study
     from lab.trials.executors import open_executor
 
     jobs = arguments.jobs or len(os.sched_getaffinity(0))
-    with Display(console) as display:
+    with ProgressBar("trials", console=console) as bar:
         run_study(
             _plan(arguments),
             store,
             lambda: open_executor(arguments.jobs, arguments.ray, jobs),
             episodes=arguments.episodes,
             jobs=jobs,
-            on_progress=display.update,
-            on_message=display.say,
+            on_progress=partial(show_progress, bar),
+            on_message=bar.say,
         )
 
 
-def _report(store: "Store") -> int:
+def _report(store: "StudyStore") -> int:
     from rich.console import Console
 
     from lab.studies.latency.report import write_report
-    from lab.studies.latency.tables import LEGEND, closing, summary_table, workload_table
+    from lab.studies.latency.tables import (
+        SUMMARY_LEGEND,
+        criteria_table,
+        summary_table,
+        workload_table,
+    )
 
     report = write_report(store)
     if report is None:
@@ -176,12 +179,12 @@ def _report(store: "Store") -> int:
     if not console.is_terminal:
         console = Console(width=190)
     console.print(summary_table(report.plan, report.cells))
-    console.print(LEGEND, style="dim", highlight=False)
+    console.print(SUMMARY_LEGEND, style="dim", highlight=False)
     if report.workload:
         console.print()
         console.print(workload_table(report.plan, report.workload))
     console.print()
-    console.print(closing(report.finding))
+    console.print(criteria_table(report.plan, report.comparisons))
     console.print(f"{store.root}: {', '.join(report.files)}", markup=False, highlight=False)
     return 0
 

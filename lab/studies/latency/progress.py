@@ -1,31 +1,23 @@
 """Shows the progress of the study: a bar on a terminal, a line for each trial elsewhere."""
 
-from rich.console import Console
-
-from lab.studies.latency.row import TrialRow
+from lab.progress import ProgressBar, format_duration
+from lab.studies.latency.record import StudyTrial
 from lab.studies.latency.run import StudyProgress
-from lab.trials.progress import Bar, duration
 
 
-class Display(Bar):
-    """Shows the progress while it changes."""
-
-    def __init__(self, console: Console) -> None:
-        super().__init__(console, "trials")
-
-    def update(self, progress: StudyProgress, row: TrialRow | None) -> None:
-        """Show the progress; ``row`` is a trial that has just ended."""
-        left = progress.left
-        eta = "" if left is None else f"ETA {duration(left)}"
-        done = len(progress.done)
-        self.show(done, progress.wanted, eta)
-        if row is None:
-            return
-        text = f"{row.task} {row.condition} seed {row.seed}: {row.verdict} at {row.time:.1f} s"
-        if row.verdict != "success":
-            text += f": {row.reason}"
-        if not self.console.is_terminal:
-            text = f"[{done}/{progress.wanted}] {text}; {eta}"
-        elif row.verdict == "success":
-            return
-        self.say(text)
+def show_progress(bar: ProgressBar, progress: StudyProgress, trial: StudyTrial | None) -> None:
+    """Show the progress; ``trial`` has just ended."""
+    done, left = len(progress.done), progress.left
+    eta = "" if left is None else f"ETA {format_duration(left)}"
+    bar.show(done, progress.wanted, eta)
+    if trial is None:
+        return
+    text = (
+        f"{trial.task} {trial.condition} seed {trial.seed}: {trial.verdict} at {trial.time:.1f} s"
+    )
+    if trial.verdict != "success":
+        text += f": {trial.reason}"
+    if not bar.console.is_terminal:
+        bar.say(f"[{done}/{progress.wanted}] {text}; {eta}")
+    elif trial.verdict != "success":
+        bar.say(text)
