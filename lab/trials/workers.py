@@ -196,6 +196,11 @@ class LocalExecutor:
         self._end = self._context.Value("b", 0, lock=False)
         self._workers = [self._new() for _ in range(jobs)]
 
+    @property
+    def pids(self) -> list[int]:
+        """Process ids of the workers that have been started."""
+        return [worker.pid for worker in self._workers if worker.pid]
+
     def _new(self) -> _Worker:
         return _Worker(self._context, self._end)
 
