@@ -168,7 +168,7 @@ def criteria_table(plan: Plan, comparisons: Sequence[Comparison]) -> RenderableT
             f"{sign} {one.bound:.2f}",
             Text(met, style),
         )
-    conclusion = {True: "reproduced", False: "NOT reproduced", None: "undecided: too few trials"}
+    conclusion = {True: "reproduced", False: "NOT reproduced", None: "undecided (too few trials)"}
     return Group(
         table,
         Text(CRITERIA, style="dim"),
