@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
         def on_result(result: TrialResult) -> None:
             nonlocal count
             count += 1
-            bar.show(count)
+            bar.advance()
             bar.say(f"[{count}/{len(trials)}] {line(result)}")
 
         results = run_trials(
