@@ -46,11 +46,11 @@ def store(tmp_path: Path) -> DatasetStore:
     """Two episodes and a failure."""
     made = DatasetStore(tmp_path)
     _, jpeg = cv2.imencode(".jpg", np.full((16, 32, 3), 90, dtype=np.uint8))
-    eyes = {eye: [jpeg.tobytes()] * FRAMES for eye in ("left", "right")}
+    pictures = {camera: [jpeg.tobytes()] * FRAMES for camera in ("left", "right")}
     with made.writing(PICTURED, CODE):
         for seed, verdict in ((0, "success"), (1, "failure"), (2, "success")):
             of = about(PICTURED, seed, verdict)
-            content = to_bytes(of, whole(seed), eyes) if verdict == "success" else None
+            content = to_bytes(of, whole(seed), pictures) if verdict == "success" else None
             made.add(of, content)
     return made
 
