@@ -1,11 +1,11 @@
-"""What is in a data set, as a table, and what an episode looks like, as a picture."""
+"""Summarises a data set as a table, and draws an episode as a picture."""
 
 import statistics
 from pathlib import Path
 
 import cv2
 import numpy as np
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 
 from common.episodes.columns import CAMERAS
@@ -19,13 +19,13 @@ from lab.review.frames import write_picture
 from services.sim.rendering.render import contact_sheet
 
 SHOWN = 8
-"""Moments of an episode on its sheet."""
+"""Number of moments on the sheet of an episode."""
 _CAPTION = 20
 _WIDTH = 400
 
 
 def table(lines: list[IndexLine]) -> RenderableType:
-    """A row a task, what was no success and why, and who acted."""
+    """Return a row for each task, the operators and settings, and the reasons of failures."""
     rows = Table(title="data set")
     for title in ("task", "trials", "kept", "success", "time of successes [s]", "frames", "size"):
         rows.add_column(title, justify="left" if title == "task" else "right")
@@ -37,7 +37,7 @@ def table(lines: list[IndexLine]) -> RenderableType:
 
 
 def _conditions(line: IndexLine) -> str:
-    """Who operated the robot, and under which settings."""
+    """Format who operated the robot, and under which settings."""
     size, origin = line.meta.picture_size, line.meta.origin
     pictures = f"{size[0]}x{size[1]}" if size else "none"
     if line.meta.operator != "synthetic":
@@ -66,17 +66,8 @@ def _cells(lines: list[IndexLine]) -> list[str]:
     ]
 
 
-def show(root: Path, console: Console) -> None:
-    """Print the table of a data set.
-
-    Raises:
-        EpisodeError: there is no index.
-    """
-    console.print(table(DatasetStore(root).index()), markup=False)
-
-
 def sheet(episode: Episode, shown: int = SHOWN) -> Image:
-    """Both eyes at evenly spaced moments, with time, state, gait, hands and grippers in words.
+    """Draw both cameras at evenly spaced moments, captioned with time, state and action.
 
     Raises:
         EpisodeError: the episode has no pictures.
@@ -84,21 +75,21 @@ def sheet(episode: Episode, shown: int = SHOWN) -> Image:
     frames = np.linspace(0, episode.meta.frames - 1, min(shown, episode.meta.frames)).round()
     tiles = []
     for frame in frames.astype(int).tolist():
-        captions = (_seen(episode, frame), _done(episode, frame))
+        captions = (_observation_text(episode, frame), _action_text(episode, frame))
         for camera, caption in zip(CAMERAS, captions, strict=True):
             tiles.append(_captioned(episode.picture(camera, frame), caption))
     return contact_sheet(tiles, columns=4)
 
 
-def _seen(episode: Episode, frame: int) -> str:
+def _observation_text(episode: Episode, frame: int) -> str:
     one = slice(frame, frame + 1)
     begin = int(episode.array("time/robot_ns", slice(0, 1))[0])
     time = (int(episode.array("time/robot_ns", one)[0]) - begin) * 1e-9
     state = int(episode.array("observation/control_state", one)[0])
-    return f"left eye  frame {frame}  {time:.2f} s  state {state}"
+    return f"left camera  frame {frame}  {time:.2f} s  state {state}"
 
 
-def _done(episode: Episode, frame: int) -> str:
+def _action_text(episode: Episode, frame: int) -> str:
     one = slice(frame, frame + 1)
     hands = episode.array("action/hands", one)[0]
     left, right = (" ".join(f"{v:+.2f}" for v in hands[i : i + 3]) for i in (0, 7))

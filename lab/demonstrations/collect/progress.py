@@ -10,38 +10,6 @@ from lab.demonstrations.collect.collect import CollectionProgress
 from lab.demonstrations.collect.space import size
 from lab.progress import ProgressBar, format_duration
 
-
-class Pace:
-    """Computes rate, time left and speed of this run; earlier trials do not count."""
-
-    def __init__(self) -> None:
-        self._began = monotonic()
-        self._before: int | None = None
-
-    def parts(self, progress: CollectionProgress) -> list[str]:
-        """Return parts of a line, the most important first, as ``ETA 0:34``, ``212 an hour``."""
-        if self._before is None:
-            self._before = progress.successes
-        elapsed = monotonic() - self._began
-        made = progress.successes - self._before
-        parts = []
-        if made:
-            left = max(0, progress.wanted - progress.successes) * elapsed / made
-            parts.append(f"ETA {format_duration(left)}")
-        failed = len(progress.lines) - progress.successes
-        if failed:
-            parts.append(f"{failed} failed")
-        if progress.simulated:
-            parts.append(f"{progress.simulated / elapsed:.2f} x real time")
-        if progress.successes:
-            kept = sum(line.bytes for line in progress.lines.values())
-            total = kept * max(1.0, progress.wanted / progress.successes)
-            parts.append(f"{size(kept)} of {size(total)}")
-        if made:
-            parts.append(f"{3600 * made / elapsed:.0f} an hour")
-        return parts
-
-
 _FIXED = 40
 """Columns of a terminal that the bar, the count and margins take."""
 
@@ -58,15 +26,16 @@ def fitting(parts: list[str], width: int) -> str:
 
 
 class CollectionBar(ProgressBar):
-    """Shows the progress of a collection while it changes."""
+    """Shows the progress of a collection: successes, and rate and time left of this run."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console | None = None) -> None:
         super().__init__("episodes", console=console)
-        self._pace = Pace()
+        self._began = monotonic()
+        self._before: int | None = None
 
     def update(self, progress: CollectionProgress, line: IndexLine | None) -> None:
         """Show the progress; ``line`` is a trial that has just ended."""
-        parts = self._pace.parts(progress)
+        parts = self._parts(progress)
         shown = fitting(parts, self.console.width - _FIXED) or "the first are under way"
         self.show(progress.successes, progress.wanted, shown)
         if line is None:
@@ -77,6 +46,28 @@ class CollectionBar(ProgressBar):
             self.say(f"{text} at {meta.completion_time:.1f} s; {', '.join(parts)}")
         if not meta.success:
             self.say(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
+
+    def _parts(self, progress: CollectionProgress) -> list[str]:
+        """Return parts of a line, the most important first, as ``ETA 0:34``, ``212 an hour``."""
+        if self._before is None:
+            self._before = progress.successes
+        elapsed, made = monotonic() - self._began, progress.successes - self._before
+        failed = len(progress.lines) - progress.successes
+        parts = []
+        if made:
+            left = max(0, progress.wanted - progress.successes) * elapsed / made
+            parts.append(f"ETA {format_duration(left)}")
+        if failed:
+            parts.append(f"{failed} failed")
+        if progress.simulated:
+            parts.append(f"{progress.simulated / elapsed:.2f} x real time")
+        if progress.successes:
+            kept = sum(line.bytes for line in progress.lines.values())
+            total = kept * max(1.0, progress.wanted / progress.successes)
+            parts.append(f"{size(kept)} of {size(total)}")
+        if made:
+            parts.append(f"{3600 * made / elapsed:.0f} an hour")
+        return parts
 
 
 def closing(progress: CollectionProgress, elapsed: float) -> str:

@@ -3,12 +3,13 @@
 import re
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field
 
-from common.errors import ConfigError, explain
+from common.errors import ConfigError
 from common.links.config import Links
 from common.links.spec import LinkSpec
 from common.links.summary import requested
+from lab.trials.spec import LinkTable, validated
 
 RAW, BASELINE = "raw", "interpolation"
 DIRECTIONS = ("command", "feedback", "both")
@@ -34,17 +35,8 @@ class Condition(BaseModel):
 
     name: str = Field(pattern=_NAME, max_length=40)
     label: str = Field(default="", max_length=40)
-    links: dict[str, str] = Field(default_factory=dict)
+    links: LinkTable = Field(default_factory=dict)
     raw_hands: bool = False
-
-    @field_validator("links")
-    @classmethod
-    def _known(cls, links: dict[str, str]) -> dict[str, str]:
-        try:
-            Links.from_table(links)
-        except ConfigError as error:
-            raise ValueError(str(error)) from error
-        return dict(sorted(links.items()))
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -66,9 +58,9 @@ class Condition(BaseModel):
             elif part.strip() != "none":
                 raise ConfigError(f"condition {text!r}: {part.strip()!r} is unknown; {_EXPECTED}")
         try:
-            return cls.model_validate(values)
-        except ValidationError as error:
-            raise ConfigError(f"condition {text!r}: {explain(error)}") from error
+            return validated(cls, values)
+        except ConfigError as error:
+            raise ConfigError(f"condition {text!r}: {error}") from error
 
     @property
     def title(self) -> str:

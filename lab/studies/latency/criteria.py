@@ -1,14 +1,13 @@
 """Tests whether the trials show the shape of the paper's result, by stated criteria."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import groupby, pairwise, product
 from statistics import fmean
 from typing import Literal
 
 from lab.studies.latency.conditions import Condition
 from lab.studies.latency.plan import Plan
-from lab.studies.latency.record import StudyTrial
+from lab.studies.latency.record import Record, StudyTrial
 from lab.studies.latency.stats import Estimate, paired_difference
 
 Criterion = Literal["latency", "interpolation"]
@@ -25,8 +24,7 @@ CRITERIA = (
 )
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(Record):
     """Compares a condition with a reference condition in one task.
 
     Attributes:
@@ -93,7 +91,15 @@ def _compare(
             seeds = {trial.seed for trial in condition[1]}
             bound = LITTLE * fmean(t.charged for t in reference[1] if t.seed in seeds)
         met = low > bound if criterion == "latency" else high < bound
-    return Comparison(criterion, task, condition[0], reference[0], difference, bound, met)
+    return Comparison(
+        criterion=criterion,
+        task=task,
+        condition=condition[0],
+        reference=reference[0],
+        difference=difference,
+        bound=bound,
+        met=met,
+    )
 
 
 def reproduced(comparisons: Sequence[Comparison]) -> bool | None:

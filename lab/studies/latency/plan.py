@@ -4,12 +4,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from common.errors import ConfigError, explain
+from common.errors import ConfigError
 from lab.studies.latency.conditions import BASELINE, Condition
 from lab.trials.provenance import CodeVersion, code_version
-from lab.trials.spec import TrialSettings, TrialSpec, settings_differences
+from lab.trials.spec import TrialSettings, TrialSpec, settings_differences, validated
 from services.sim.tasks import find_task
 
 DEFAULT_TASKS = ("door/unlock", "bench/hammer")
@@ -64,10 +64,7 @@ class Plan(TrialSettings):
             ConfigError: a value is wrong.
             TaskError: there is no such task.
         """
-        try:
-            plan = cls.model_validate({"code": study_code()} | values)
-        except ValidationError as error:
-            raise ConfigError(explain(error)) from error
+        plan = validated(cls, {"code": study_code()} | values)
         for task in plan.tasks:
             find_task(task)
         return plan

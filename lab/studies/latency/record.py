@@ -17,11 +17,13 @@ _TOLERATED_SHARE = 0.25
 """The measured mean latency may differ from the requested one by this share of it."""
 
 
-class _Record(BaseModel):
+class Record(BaseModel):
+    """Base of what a study stores: frozen, without unknown fields, NaN or infinity."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class LinkLatency(_Record):
+class LinkLatency(Record):
     """Latency of one direction: what was requested, and what the consumer measured.
 
     The measured latency runs from sending a message to the step of the consumer that acted on it.
@@ -54,8 +56,16 @@ class LinkLatency(_Record):
         tolerated = own + _TOLERATED_SHARE * self.asked_mean + jitter
         return abs(self.mean - self.asked_mean) <= tolerated
 
+    @property
+    def text(self) -> str:
+        """In milliseconds, as ``250: 255/260``: requested mean, measured mean and percentile."""
+        measured = "?"
+        if self.mean is not None and self.p99 is not None:
+            measured = f"{1e3 * self.mean:.0f}/{1e3 * self.p99:.0f}"
+        return f"{1e3 * self.asked_mean:.0f}: {measured}"
 
-class StudyTrial(_Record):
+
+class StudyTrial(Record):
     """One trial of the study.
 
     Attributes:

@@ -1,10 +1,11 @@
-"""Runs the trials that a study lacks."""
+"""Runs the trials that a study lacks, and shows the progress."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from statistics import fmean
 
+from lab.progress import ProgressBar, format_duration
 from lab.studies.latency.plan import Plan, TrialKey
 from lab.studies.latency.record import StudyTrial
 from lab.studies.latency.store import StudyStore
@@ -98,3 +99,21 @@ def run_study(
                 on_wait=lambda: on_progress(progress, None),
             )
     return progress
+
+
+def show_progress(bar: ProgressBar, progress: StudyProgress, trial: StudyTrial | None) -> None:
+    """Show a bar on a terminal, a line for each trial elsewhere; ``trial`` has just ended."""
+    done, left = len(progress.done), progress.left
+    eta = "" if left is None else f"ETA {format_duration(left)}"
+    bar.show(done, progress.wanted, eta)
+    if trial is None:
+        return
+    text = (
+        f"{trial.task} {trial.condition} seed {trial.seed}: {trial.verdict} at {trial.time:.1f} s"
+    )
+    if trial.verdict != "success":
+        text += f": {trial.reason}"
+    if not bar.console.is_terminal:
+        bar.say(f"[{done}/{progress.wanted}] {text}; {eta}")
+    elif trial.verdict != "success":
+        bar.say(text)

@@ -1,20 +1,18 @@
 """Statistics of the study; imported only for a report, because scipy.stats is slow to import."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import binomtest, bootstrap
 
-from lab.studies.latency.record import LinkLatency, Operator, StudyTrial
+from lab.studies.latency.record import LinkLatency, Operator, Record, StudyTrial
 
 _RESAMPLES = 10_000
 _SEED = 20_231
 """Seed of the bootstrap: the same trials give the same intervals."""
 
 
-@dataclass(frozen=True)
-class Estimate:
+class Estimate(Record):
     """A mean with its 95 % confidence interval.
 
     Attributes:
@@ -38,8 +36,7 @@ class Estimate:
         return f"{self.mean:{form}} [{self.low:{form}}, {self.high:{form}}]"
 
 
-@dataclass(frozen=True)
-class Proportion:
+class Proportion(Record):
     """A proportion with its 95 % confidence interval.
 
     Attributes:
@@ -60,13 +57,13 @@ def proportion(count: int, total: int) -> Proportion:
         ValueError: ``total`` is not positive.
     """
     interval = binomtest(count, total).proportion_ci(0.95, method="wilson")
-    return Proportion(count / total, float(interval.low), float(interval.high))
+    return Proportion(share=count / total, low=float(interval.low), high=float(interval.high))
 
 
 def mean_estimate(values: Sequence[float]) -> Estimate:
     """Estimate a mean, with its percentile bootstrap interval; this needs two values or more."""
     if len(values) < 2:
-        return Estimate(values[0] if values else None, count=len(values))
+        return Estimate(mean=values[0] if values else None, count=len(values))
     interval = bootstrap(
         (values,),
         np.mean,
@@ -75,7 +72,12 @@ def mean_estimate(values: Sequence[float]) -> Estimate:
         method="percentile",
         rng=np.random.default_rng(_SEED),
     ).confidence_interval
-    return Estimate(float(np.mean(values)), float(interval.low), float(interval.high), len(values))
+    return Estimate(
+        mean=float(np.mean(values)),
+        low=float(interval.low),
+        high=float(interval.high),
+        count=len(values),
+    )
 
 
 def paired_difference(trials: Iterable[StudyTrial], reference: Iterable[StudyTrial]) -> Estimate:
@@ -98,30 +100,7 @@ def _start(trial: StudyTrial) -> tuple[str, str, str, int]:
     return trial.operator, trial.participant, trial.task, trial.seed
 
 
-@dataclass(frozen=True)
-class LinkSummary:
-    """Latency of one direction in the trials of a cell.
-
-    Attributes:
-        asked: mean requested delay [s].
-        mean: mean over trials of the measured mean [s]; None: not measured.
-        p99: largest measured 99th percentile [s]; None: not measured.
-    """
-
-    asked: float
-    mean: float | None
-    p99: float | None
-
-    def text(self) -> str:
-        """Format in milliseconds as ``250: 255/260``: requested, measured mean and percentile."""
-        measured = "?"
-        if self.mean is not None and self.p99 is not None:
-            measured = f"{1e3 * self.mean:.0f}/{1e3 * self.p99:.0f}"
-        return f"{1e3 * self.asked:.0f}: {measured}"
-
-
-@dataclass(frozen=True)
-class CellSummary:
+class CellSummary(Record):
     """The trials of one condition of one task by one kind of operator.
 
     Attributes:
@@ -140,8 +119,8 @@ class CellSummary:
         undesired: mean number of undesired contacts in a trial.
         hand_path: mean length of the hands' path [m]; None: not measured.
         arm_acceleration: mean of the trials' arm acceleration [rad/s²]; None: not measured.
-        command: latency from operator to robot.
-        feedback: latency from robot to operator.
+        command: latency from operator to robot: mean over trials, and largest percentiles.
+        feedback: latency from robot to operator, likewise.
         difference: by how much trials take longer than under the baseline [s].
     """
 
@@ -160,8 +139,8 @@ class CellSummary:
     undesired: float
     hand_path: float | None
     arm_acceleration: float | None
-    command: LinkSummary
-    feedback: LinkSummary
+    command: LinkLatency
+    feedback: LinkLatency
     difference: Estimate
 
 
@@ -217,11 +196,14 @@ def _cell(trials: Sequence[StudyTrial], baseline: Sequence[StudyTrial]) -> CellS
     )
 
 
-def _link(links: Sequence[LinkLatency]) -> LinkSummary:
-    return LinkSummary(
-        asked=float(np.mean([link.asked_mean for link in links])),
+def _link(links: Sequence[LinkLatency]) -> LinkLatency:
+    return LinkLatency(
+        asked_mean=float(np.mean([link.asked_mean for link in links])),
+        asked_p99=max(link.asked_p99 for link in links),
         mean=_known_mean(link.mean for link in links),
         p99=max((link.p99 for link in links if link.p99 is not None), default=None),
+        used=sum(link.used for link in links),
+        lost=sum(link.lost for link in links),
     )
 
 

@@ -16,13 +16,12 @@ from typing import Annotated, Literal, NamedTuple
 from pydantic import (
     AfterValidator,
     AwareDatetime,
-    BaseModel,
-    ConfigDict,
     Field,
     NonNegativeInt,
 )
 
 from lab.errors import LatencyStudyError
+from lab.studies.latency.record import Record
 from lab.trials.folder import disk_errors, read_model, write_model
 
 Scale = Literal["mental", "physical", "temporal", "performance", "effort", "frustration"]
@@ -82,7 +81,7 @@ Weight = Annotated[int, Field(strict=True, ge=0)]
 Weights = Annotated[dict[Scale, Weight], AfterValidator(_check_weights)]
 
 
-class Answers(BaseModel):
+class Answers(Record):
     """Answers of a person to the questions of a sheet.
 
     Attributes:
@@ -90,8 +89,6 @@ class Answers(BaseModel):
         weights: how often each scale was chosen; None: the pairs were not asked.
         remarks: remarks of the person.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
     ratings: Ratings
     weights: Weights | None = None
@@ -158,7 +155,7 @@ def read_sheets(folder: Path) -> list[AnswerSheet]:
     return sorted(filter(None, sheets), key=lambda sheet: (sheet.participant, sheet.date))
 
 
-class Workload(BaseModel):
+class Workload(Record):
     """Summary of the sheets of one condition of one task; means are over sheets.
 
     Attributes:
