@@ -4,7 +4,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import Any
 
 import pytest
@@ -12,35 +12,30 @@ import pytest
 from common.errors import TrillError
 from lab.errors import LabError
 from lab.trials.campaign import run_campaign
+from tests.lab.trials.fake_executor import FakeExecutor
 
 
-class ThreadExecutor:
-    """Runs work in threads; a worker is lost if its work raises ConnectionError."""
+class BusyExecutor(FakeExecutor):
+    """Counts how many trials were under way at most."""
 
-    lost: tuple[type[Exception], ...] = (ConnectionError,)
-
-    def __init__(self, size: int = 2) -> None:
-        self.size = size
-        self.ended = False
-        self.most_under_way = 0
-        self.messages: list[str] = []
-        self._pool = ThreadPoolExecutor(size)
-        self._futures: list[Future[Any]] = []
+    def __init__(self, size: int) -> None:
+        super().__init__(size=size)
+        self.most, self._futures = 0, list[Future[Any]]()
 
     def submit(self, work: Callable[..., Any], /, *arguments: object) -> "Future[Any]":
-        future = self._pool.submit(work, *arguments)
-        self._futures.append(future)
-        under_way = sum(not future.done() for future in self._futures)
-        self.most_under_way = max(self.most_under_way, under_way)
+        self._futures.append(super().submit(work, *arguments))
+        self.most = max(self.most, sum(not future.done() for future in self._futures))
+        return self._futures[-1]
+
+
+class LateExecutor(FakeExecutor):
+    """Returns the last of eight futures only when all of them are done."""
+
+    def submit(self, work: Callable[..., Any], /, *arguments: object) -> "Future[Any]":
+        future = super().submit(work, *arguments)
+        if len(self.given) == 8:
+            self.end()
         return future
-
-    def watch(self) -> list[str]:
-        messages, self.messages = self.messages, []
-        return messages
-
-    def end(self) -> None:
-        self._pool.shutdown()
-        self.ended = True
 
 
 def double(key: int) -> int:
@@ -49,43 +44,30 @@ def double(key: int) -> int:
 
 
 def test_every_key_gets_its_result_and_no_more_run_than_there_are_workers() -> None:
-    executor, results = ThreadExecutor(3), dict[int, int]()
+    executor, results = BusyExecutor(3), dict[int, int]()
     run_campaign(range(50), double, executor, on_result=results.__setitem__)
     assert results == {key: 2 * key for key in range(50)}
-    assert 1 <= executor.most_under_way <= 3
+    assert 1 <= executor.most <= 3
     assert executor.ended
-
-
-class LateExecutor(ThreadExecutor):
-    """Returns the last of eight futures only when all of them are done."""
-
-    def submit(self, work: Callable[..., Any], /, *arguments: object) -> "Future[Any]":
-        future = super().submit(work, *arguments)
-        if arguments == (7,):
-            self._pool.shutdown()
-        return future
 
 
 def test_results_that_arrive_together_come_in_the_order_of_their_keys() -> None:
     order: list[int] = []
     run_campaign(
-        range(8), double, LateExecutor(8), on_result=lambda key, _result: order.append(key)
+        range(8), double, LateExecutor(size=8), on_result=lambda key, _result: order.append(key)
     )
     assert order == list(range(8))
 
 
-def losing(losses: dict[int, int]) -> Callable[[int], int]:
-    """Work that loses the workers of some keys, so many of each."""
-    left, lock = Counter(losses), threading.Lock()
+def losing(losses: dict[int, int]) -> FakeExecutor:
+    """An executor that loses workers with some keys, so many with each."""
+    left = Counter(losses)
 
-    def work(key: int) -> int:
-        with lock:
-            if left[key] > 0:
-                left[key] -= 1
-                raise ConnectionError("gone")
-        return key
+    def loses(key: int) -> bool:
+        left[key] -= 1
+        return left[key] >= 0
 
-    return work
+    return FakeExecutor(size=1, loses=loses)
 
 
 def test_a_key_whose_worker_is_lost_is_run_again() -> None:
@@ -93,9 +75,9 @@ def test_a_key_whose_worker_is_lost_is_run_again() -> None:
     messages: list[str] = []
     run_campaign(
         range(6),
+        double,
         losing({1: 2, 4: 1}),
-        ThreadExecutor(),
-        on_result=lambda _key, result: results.append(result),
+        on_result=lambda key, _result: results.append(key),
         on_message=messages.append,
     )
     assert sorted(results) == list(range(6))
@@ -103,11 +85,9 @@ def test_a_key_whose_worker_is_lost_is_run_again() -> None:
 
 
 def test_a_key_that_loses_three_workers_ends_the_campaign() -> None:
-    executor, results = ThreadExecutor(1), list[int]()
+    executor, results = losing({3: 99}), list[int]()
     with pytest.raises(LabError, match="3 has cost 3 workers") as ended:
-        run_campaign(
-            range(6), losing({3: 99}), executor, on_result=lambda key, _result: results.append(key)
-        )
+        run_campaign(range(6), double, executor, on_result=lambda key, _result: results.append(key))
     assert isinstance(ended.value.__cause__, ConnectionError)
     assert results == [0, 1, 2]
     assert executor.ended
@@ -130,7 +110,7 @@ def test_no_key_is_started_or_drawn_after_a_refused_one() -> None:
     run_campaign(
         keys(),
         double,
-        ThreadExecutor(2),
+        FakeExecutor(),
         on_result=lambda key, _result: results.append(key),
         may_start=may_start,
     )
@@ -153,7 +133,7 @@ class SimulationError(TrillError):
     ],
 )
 def test_an_error_ends_the_workers_and_is_raised(place: str, error: type[BaseException]) -> None:
-    executor, results = ThreadExecutor(1), list[int]()
+    executor, results = FakeExecutor(size=1), list[int]()
 
     def at(here: str, key: int) -> int:
         if place == here and key == 2:
@@ -172,7 +152,7 @@ def test_an_error_ends_the_workers_and_is_raised(place: str, error: type[BaseExc
 def test_while_no_result_arrives_it_reports_and_passes_messages_on() -> None:
     waits: list[None] = []
     messages: list[str] = []
-    executor, go = ThreadExecutor(1), threading.Event()
+    executor, go = FakeExecutor(size=1), threading.Event()
     executor.messages = ["a worker is silent"]
 
     def on_wait() -> None:

@@ -1,8 +1,8 @@
 """Invented trials and answers, for tests of everything but the trial itself."""
 
-from collections.abc import Callable, Container
-from concurrent.futures import Future
+from collections.abc import Container
 from datetime import UTC, datetime
+from itertools import count
 from typing import Any
 
 from lab.studies.latency.conditions import Condition, standard
@@ -10,6 +10,7 @@ from lab.studies.latency.plan import Plan, TrialKey
 from lab.studies.latency.record import LinkLatency, StudyTrial
 from lab.studies.latency.tlx import SCALES, AnswerSheet, Scale
 from lab.trials.provenance import CodeVersion
+from tests.lab.trials.fake_executor import FakeExecutor
 
 UNLOCK, HAMMER = "door/unlock", "bench/hammer"
 CONDITIONS = standard("command")
@@ -50,32 +51,14 @@ def trials(times: dict[str, float], seeds: int = 6, task: str = UNLOCK) -> list[
     ]
 
 
-class FakeExecutor:
-    """Does each trial at once, with an invented outcome; is lost at those numbered ``fails_at``."""
+def fake_executor(fails_at: Container[int] = ()) -> FakeExecutor:
+    """Return an executor that invents trials; it loses workers at the calls ``fails_at``."""
+    calls = count(1)
 
-    lost: tuple[type[Exception], ...] = (ConnectionError,)
+    def make(key: TrialKey) -> StudyTrial:
+        return trial(key.condition, key.seed, task=key.task)
 
-    def __init__(self, fails_at: Container[int] = ()) -> None:
-        self.size = 2
-        self.given: list[TrialKey] = []
-        self.ended = False
-        self._fails_at = fails_at
-
-    def submit(self, work: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
-        (key,) = arguments
-        self.given.append(key)
-        future: Future[Any] = Future()
-        if len(self.given) in self._fails_at:
-            future.set_exception(ConnectionError("gone"))
-        else:
-            future.set_result(trial(key.condition, key.seed, task=key.task))
-        return future
-
-    def watch(self) -> list[str]:
-        return []
-
-    def end(self) -> None:
-        self.ended = True
+    return FakeExecutor(make, loses=lambda _key: next(calls) in fails_at)
 
 
 def plan_of(*conditions: Condition, **more: Any) -> Plan:
