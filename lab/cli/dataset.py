@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
 from deploy.extras import require
-from lab.cli.commands import Command, run_chosen
+from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.trials.options import whole_number
 
 if TYPE_CHECKING:
@@ -51,10 +51,10 @@ _PIXELS = whole_number(16, 1920)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill dataset``."""
-    actions = parser.add_subparsers(required=True, metavar="action")
-    Command(
-        "export", "for lerobot or robomimic", EXPORT, EXPORT_EXAMPLES, _export_options, _export
-    ).add_to(actions, "dataset")
+    export = Action(EXPORT, EXPORT_EXAMPLES, _export_options, _export)
+    add_commands(
+        parser, [Command("export", "for lerobot or robomimic", export)], "dataset", "action"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -186,11 +186,4 @@ def _print_summary(source: "ExportInput", out: Path, form: str) -> None:
     print(out)
 
 
-COMMAND = Command(
-    "dataset",
-    "demonstrations for lerobot or robomimic",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
+import osqp
+from scipy import sparse
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import SolverUnavailableError
@@ -33,7 +35,7 @@ class Solver(Protocol):
     name: str
 
     def solve(self, data: QpData) -> Solution:
-        """Solve one QP; never raises for a QP without a solution, says so in the result."""
+        """Solve one QP; a QP without a solution is reported in the result, not raised."""
         ...
 
 
@@ -88,9 +90,6 @@ class OsqpSolver:
         self._scale = self._P_scale = self._A_scale = np.ones(0)
 
     def _setup(self, data: QpData) -> None:
-        import osqp
-        from scipy import sparse
-
         P_mask, A_mask = _pattern()
         # Constant rows (cones, bounds) keep the pattern of their values.
         A_mask[NV:] = data.A[NV:] != 0.0
@@ -103,8 +102,8 @@ class OsqpSolver:
         self._scale = scale
         self._P_scale = scale[P_rows] * scale[P_columns]
         self._A_scale = scale[A_columns]
-        P = _csc(sparse, P_mask, self._P_scale * data.P.take(self._P_places))
-        A = _csc(sparse, A_mask, self._A_scale * data.A.take(self._A_places))
+        P = _csc(P_mask, self._P_scale * data.P.take(self._P_places))
+        A = _csc(A_mask, self._A_scale * data.A.take(self._A_places))
         self._solver = osqp.OSQP()
         self._solver.setup(
             P,
@@ -169,7 +168,7 @@ def _csc_index(mask: Array) -> tuple[Any, Any]:
     return rows, columns
 
 
-def _csc(sparse: Any, mask: Array, values: Array) -> Any:
+def _csc(mask: Array, values: Array) -> Any:
     rows, _ = _csc_index(mask)
     pointers = np.concatenate(([0], np.cumsum(mask.astype(bool).sum(axis=0))))
     return sparse.csc_matrix((values, rows, pointers), shape=mask.shape)

@@ -119,7 +119,7 @@ def _compare(log: Path, sent: list[Sent], killed_ns: int) -> tuple[float, int, i
     """Longest time lost, messages lost, and messages missing within what was recovered."""
     recovered: dict[str, set[int]] = {}
     reader = LogReader(log)
-    for entry in reader.entries():
+    for entry in reader.raw_messages():
         if entry.topic is not None:
             recovered.setdefault(entry.topic.name, set()).add(entry.sequence)
     loss = 0.0

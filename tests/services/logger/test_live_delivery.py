@@ -1,4 +1,4 @@
-"""Publishers over real Zenoh, queues far too small: every message is accounted for."""
+"""Publishers over real Zenoh and queues that are too small: every message is counted."""
 
 import time
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from common.topics import CAMERA_LEFT, CAMERA_RIGHT, TELEOP_GAIT
 from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
 from common.transport.session import open_session
-from common.transport.tap import RawTap
+from common.transport.tap import RawSample, RawTap
 from deploy.ports import reserve_base_port
 from services.logger.read.reader import LogReader
 from services.logger.record.config import LoggerConfig
@@ -71,7 +71,7 @@ def test_sent_is_recorded_and_lost_and_dropped(sessions: tuple[Any, Any], tmp_pa
         if tap.received == received:
             break
         received = tap.received
-    # The last of each stream arrives for certain, so that the end of the account is known.
+    # The last of each stream arrives for certain, so that the end of each stream is known.
     last = GaitRequest(request_id=COUNT, gait=Gait.NONE)
     for publisher, message in zip(
         publishers, (last, last, frame("left"), frame("right")), strict=True
@@ -88,7 +88,7 @@ def test_sent_is_recorded_and_lost_and_dropped(sessions: tuple[Any, Any], tmp_pa
     }
     assert {key: one.sent + one.earlier for key, one in report.items()} == sent
     reader = LogReader(tmp_path / "log.mcap")
-    entries = list(reader.entries())
+    entries = list(reader.raw_messages())
     for key, count in report.items():
         assert count.sent == count.recorded + count.lost + count.dropped
         assert sum(entry.key == key for entry in entries) == count.recorded
@@ -97,6 +97,33 @@ def test_sent_is_recorded_and_lost_and_dropped(sessions: tuple[Any, Any], tmp_pa
     assert dropped == recorder.intake.dropped > 50
     assert sum(one.recorded + one.dropped for one in report.values()) == tap.received
     assert reader.report == report
+
+
+def test_a_tap_whose_receiver_raises_says_so(sessions: tuple[Any, Any]) -> None:
+    sender, listener = sessions
+    delivered: list[str] = []
+
+    def deliver(sample: RawSample) -> None:
+        if len(delivered) == 3:
+            raise ValueError("no such luck")
+        delivered.append(sample.key)
+
+    tap = RawTap(listener, "draco3", deliver=deliver)
+    gaits = Publisher(sender, "draco3", TELEOP_GAIT, "teleop", 1)
+    until(lambda: gaits.wanted)
+    assert tap.error is None
+    for number in range(10):
+        gaits.send(GaitRequest(request_id=number, gait=Gait.NONE))
+    until(lambda: tap.error is not None)
+    tap.close()
+    assert delivered == ["draco3/teleop/gait"] * 3
+    assert isinstance(tap.error, ValueError)
+
+
+def test_closing_a_tap_is_no_error(sessions: tuple[Any, Any]) -> None:
+    tap = RawTap(sessions[1], "draco3", deliver=lambda _: None)
+    tap.close()
+    assert tap.error is None
 
 
 def test_the_tap_counts_by_key_what_it_lets_go(sessions: tuple[Any, Any]) -> None:
