@@ -1,6 +1,7 @@
 """Describes one trial of a task in simulated time: its settings, and its result."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from statistics import median
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
@@ -98,6 +99,11 @@ class TrialResult(BaseModel):
     simulated: float = 0.0
     wall: float = 0.0
     links: Mapping[str, str] = Field(default_factory=dict)
+
+
+def format_spread(times: Sequence[float]) -> str:
+    """Format times as median and range, ``8.5 (6.0 to 10.0)``; empty without any."""
+    return f"{median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else ""
 
 
 def validated(model: type[M], values: Mapping[str, Any]) -> M:

@@ -1,6 +1,7 @@
 """Shows the progress of a collection: a bar on a terminal, a line for each trial elsewhere."""
 
 from collections import Counter
+from collections.abc import Iterable
 from time import monotonic
 
 from rich.console import Console
@@ -85,11 +86,12 @@ def closing(progress: CollectionProgress, elapsed: float) -> str:
             f"{progress.simulated / progress.busy:.2f} x a worker "
             f"({100 * progress.rendering / progress.busy:.0f} % of its time for pictures)"
         )
-    lines += failures([line for line in progress.lines.values() if not line.meta.success])
+    lines += failures(progress.lines.values())
     return "\n".join(lines)
 
 
-def failures(lines: list[IndexLine]) -> list[str]:
+def failures(lines: Iterable[IndexLine]) -> list[str]:
     """Return ``3 x failure: not within 20 s: ...`` for each reason, the commonest first."""
-    reasons = Counter(f"{line.meta.verdict}: {line.meta.reason}" for line in lines)
+    metas = (line.meta for line in lines)
+    reasons = Counter(f"{meta.verdict}: {meta.reason}" for meta in metas if not meta.success)
     return [f"{number} x {reason}" for reason, number in reasons.most_common()]

@@ -4,7 +4,7 @@ The layout is in :mod:`common.episodes.folder`.
 """
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from common.episodes.episode_file import EpisodeMeta, parse_meta
@@ -51,15 +51,13 @@ class DatasetStore:
             )
         return file.config
 
-    @contextmanager
-    def locked(self) -> Iterator[None]:
+    def locked(self) -> AbstractContextManager[None]:
         """Be the only process that writes here.
 
         Raises:
-            EpisodeError: another process writes here, or nobody may.
+            EpisodeError: another process writes here, or it cannot be written.
         """
-        with locked_folder(self.root, EpisodeError):
-            yield
+        return locked_folder(self.root, EpisodeError)
 
     @contextmanager
     def writing(

@@ -1,7 +1,7 @@
 """Draws the study: completion times, success, and the workload if there are answer sheets."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from statistics import fmean
@@ -77,8 +77,11 @@ def draw(
     for axes, label in zip(panels[:, 0], labels, strict=False):
         axes.set_ylabel(label)
     figure.suptitle(_title(trials, sheets), fontsize=12)
-    handles = _legend(operators, workload=bool(sheets))
-    figure.legend(handles=handles, loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    legend = _legend(panels.flat)
+    figure.legend(
+        legend.values(), legend.keys(), loc="outside lower center", ncols=5, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
     figure.savefig(path, dpi=1.5 * DPI)
 
 
@@ -111,6 +114,7 @@ def _draw_times(
             whis=(0, 100), showfliers=False, patch_artist=True, manage_ticks=False,
             medianprops={"color": "black", "linewidth": 1.6},
             boxprops={"facecolor": colour, "alpha": 0.35, "hatch": _HATCHES[operator]},
+            label=f"{operator} operator",
         )  # fmt: skip
         for verdict, (marker, special) in _VERDICTS.items():
             kinds = {verdict, "error"} if verdict == "failure" else {verdict}
@@ -120,6 +124,7 @@ def _draw_times(
                 at + rng.uniform(-0.11, 0.11, len(times)), times, marker=marker, zorder=3,
                 s=20 if success else 42, color=colour if success else special, clip_on=False,
                 edgecolors="white" if success else "black", linewidths=0.5,
+                label=f"trial: {verdict}",
             )  # fmt: skip
     if any(not trial.reached for trial in trials):
         limit = max(trial.limit for trial in trials)
@@ -140,13 +145,16 @@ def _draw_shares(
     for cell in cells:
         at, bottom = order.index(cell.condition) + shifts[cell.operator], 0.0
         shares = (cell.success.share, cell.partial, cell.failure)
-        for share, (_, colour) in zip(shares, _VERDICTS.values(), strict=True):
+        for share, (verdict, (_, colour)) in zip(shares, _VERDICTS.items(), strict=True):
             axes.bar(
                 at, 100 * share, 0.34, bottom=bottom, color=colour, edgecolor="white",
-                hatch=_HATCHES[cell.operator],
+                hatch=_HATCHES[cell.operator], label=f"share: {verdict}",
             )  # fmt: skip
             bottom += 100 * share
-        axes.vlines(at, 100 * cell.success.low, 100 * cell.success.high, "black", linewidth=1.2)
+        axes.vlines(
+            at, 100 * cell.success.low, 100 * cell.success.high, "black", linewidth=1.2,
+            label="success, 95 % (Wilson)",
+        )  # fmt: skip
         axes.annotate(
             f"{100 * cell.success.share:.0f} %", (at, 100.0), xytext=(0, 3), ha="center",
             textcoords="offset points", fontsize=8,
@@ -161,43 +169,29 @@ def _draw_workload(axes: "Axes", plan: Plan, sheets: Sequence[AnswerSheet]) -> N
         mine = [sheet for sheet in sheets if sheet.condition == condition.name]
         if not mine:
             continue
-        for index, (scale, colour) in enumerate(zip(SCALES, _SCALE_COLOURS, strict=True)):
-            rating = fmean(sheet.ratings[scale] for sheet in mine)
+        for index, ((scale, text), colour) in enumerate(
+            zip(SCALES.items(), _SCALE_COLOURS, strict=True)
+        ):
             axes.bar(
-                at + (index - 2.5) * _SCALE_WIDTH, rating, _SCALE_WIDTH, color=colour, alpha=0.8
-            )
+                at + (index - 2.5) * _SCALE_WIDTH, fmean(sheet.ratings[scale] for sheet in mine),
+                _SCALE_WIDTH, color=colour, alpha=0.8, label=text.title,
+            )  # fmt: skip
         scores = [sheet.raw_score for sheet in mine]
         axes.hlines(
-            fmean(scores), at - 3 * _SCALE_WIDTH, at + 3 * _SCALE_WIDTH, "black", linewidth=1.4
-        )
-        axes.plot([at] * len(scores), scores, "o", ms=4, mfc="white", mec="black", clip_on=False)
+            fmean(scores), at - 3 * _SCALE_WIDTH, at + 3 * _SCALE_WIDTH, "black", linewidth=1.4,
+            label="raw score, mean",
+        )  # fmt: skip
+        axes.plot(
+            [at] * len(scores), scores, "o", ms=4, mfc="white", mec="black", clip_on=False,
+            label="raw score of a sheet",
+        )  # fmt: skip
     axes.set_ylim(0.0, 100.0)
 
 
-def _legend(operators: Sequence[str], *, workload: bool) -> list[Any]:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    handles: list[Any] = [
-        Line2D([], [], marker=marker, linestyle="none", label=f"trial: {name}",
-               color="#777777" if name == "success" else colour,
-               markeredgecolor="white" if name == "success" else "black", markeredgewidth=0.5)
-        for name, (marker, colour) in _VERDICTS.items()
-    ]  # fmt: skip
-    handles += [Patch(color=colour, label=f"share: {n}") for n, (_, colour) in _VERDICTS.items()]
-    handles.append(Line2D([], [], color="black", linewidth=1.2, label="success, 95 % (Wilson)"))
-    if len(operators) > 1:
-        handles += [
-            Patch(facecolor="#dddddd", edgecolor="black", hatch=hatch, label=f"{name} operator")
-            for name, hatch in _HATCHES.items()
-        ]
-    if workload:
-        handles += [
-            Patch(color=colour, alpha=0.8, label=scale.title)
-            for scale, colour in zip(SCALES.values(), _SCALE_COLOURS, strict=True)
-        ]
-        handles.append(
-            Line2D([], [], marker="o", color="black", linewidth=1.4, markerfacecolor="white",
-                   markersize=4, label="raw score: sheets, mean")
-        )  # fmt: skip
-    return handles
+def _legend(panels: Iterable["Axes"]) -> dict[str, Any]:
+    """Return the first artist of each label."""
+    found: dict[str, Any] = {}
+    for axes in panels:
+        for artist, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            found.setdefault(label, artist)
+    return found
