@@ -13,26 +13,26 @@ from lab.trials.options import whole_number
 if TYPE_CHECKING:
     from lab.demonstrations.export.selection import ExportInput
 
-TEXT = """Hand demonstrations made by `trill collect` on to other projects' training code."""
+TEXT = """Export the demonstrations of `trill collect` for other projects' training code."""
 EXAMPLES = """examples:
   trill dataset export runs/datasets/door-unlock --format lerobot
   trill dataset export --help
 """
 EXPORT = """Export one or several data sets of `trill collect` as one data set of another format,
-loadable by that project's own loader. Numbers are the collected ones as float32, unscaled; names
-of all columns go along; so do seed, verdict and who operated the robot.
+which that project's own loader reads. Numbers are the collected ones as float32, not scaled. The
+export contains the names of all columns, and each episode's seed, verdict and operator.
 
 lerobot     a directory in format v3.0: observation.state (112 numbers: feet and hands, grippers,
             joints, controller state), action (18: hands, grippers, gait, neck),
             observation.images.left and right as mp4 or inside the tables, ages, success, the
-            task's goal as a sentence, figures to scale by.
+            task's goal as a sentence, statistics to normalise by.
 robomimic   one HDF5 file: obs/robot0_left_eef_pos, robot0_joint_vel, robot0_left_camera_image,
             actions, rewards, dones, and masks train and valid (a tenth). Pictures are raw, as
-            robomimic wants them: 100 frames of 400x300 are 72 MB, so give a --width.
+            robomimic requires: 100 frames of 400x300 take 72 MB, so give a --width.
             Its policies act within -1 ... 1: train them on --scale-actions.
 
-Successes only, up to the judge's verdict: what the operator does afterwards is no demonstration
-of the task. The result is there whole or not at all; what was cut off is begun anew.
+Only successes are exported, up to the judge's verdict: what the operator does afterwards is no
+demonstration of the task. The export is written whole or not at all.
 
 Exit code: 0 done, 1 not, 2 wrong options, 130 Ctrl-C."""
 EXPORT_EXAMPLES = """examples:
@@ -58,34 +58,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what was asked for; 0, or an exception of this project."""
+    """Run the chosen subcommand; returns 0, or raises an exception of this project."""
     return run_chosen(arguments, "dataset")
 
 
 def _export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("dirs", nargs="+", type=Path, metavar="DIR", help="made by trill collect")
-    export.add_argument("--format", required=True, choices=FORMATS, help="whose loader reads it")
-    export.add_argument("--out", type=Path, help="directory or file to make (DIR with an ending)")
+    export.add_argument("--format", required=True, choices=FORMATS, help="format of the export")
+    export.add_argument("--out", type=Path, help="directory or file to write (DIR-FORMAT)")
     export.add_argument("--force", action="store_true", help="replace an earlier export")
-    which = export.add_argument_group("what is taken")
+    which = export.add_argument_group("selection")
     which.add_argument(
-        "--seeds", type=_range, default=(None, None), metavar="A:B", help="from A up to, not B"
+        "--seeds", type=_range, default=(None, None), metavar="A:B", help="seeds from A, below B"
     )
     which.add_argument(
-        "--failures", action="store_true", help="also what is no success, if it was kept"
+        "--failures", action="store_true", help="also kept episodes that are no success"
     )
     which.add_argument("--tail", action="store_true", help="also frames after the verdict")
     pictures = export.add_argument_group("pictures")
-    pictures.add_argument("--width", type=_PIXELS, help="scale to this; alone: keeps the shape")
-    pictures.add_argument("--height", type=_PIXELS, help="the same")
+    pictures.add_argument("--width", type=_PIXELS, help="scale to this; alone: in proportion")
+    pictures.add_argument("--height", type=_PIXELS, help="scale to this height")
     pictures.add_argument(
         "--pictures",
         choices=PICTURES,
-        help="lerobot: video (standard), or embedded in the tables without loss; robomimic: "
+        help="lerobot: video (default), or embedded in the tables without loss; robomimic: "
         "embedded; or none",
     )
     pictures.add_argument(
-        "--crf", type=whole_number(0, 51), help=f"video's quality, 0 best to 51 ({_LEROBOT_CRF})"
+        "--crf",
+        type=whole_number(0, 51),
+        help=f"video quality, 0 best to 51 ({_LEROBOT_CRF})",
     )
     pictures.add_argument(
         "--compress", action="store_true", help="robomimic: half the size, slower to train from"
@@ -93,7 +95,7 @@ def _export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument_group("robomimic").add_argument(
         "--scale-actions",
         action="store_true",
-        help="each column to -1 ... 1 by its range; how, is in the file",
+        help="map each column to -1 ... 1 by its range, which the file contains",
     )
 
 

@@ -44,7 +44,7 @@ def seed_range(text: str) -> range:
 
 
 def add_executor_options(parser: "argparse._ActionsContainer", default_jobs: str) -> None:
-    """Add ``--jobs`` and ``--ray``; the latter's help says who runs the trials."""
+    """Add ``--jobs`` and ``--ray``, which choose the workers."""
     parser.add_argument(
         "--jobs",
         type=count,

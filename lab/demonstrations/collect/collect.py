@@ -1,9 +1,9 @@
 """Collects demonstrations: seeds are handed out in order until enough trials have succeeded.
 
 The set of trials does not depend on how fast the workers are. A seed is handed out only while the
-successes below it and the trials under way together are fewer than wanted; so the last trial of the
-finished set is the one that brought the last success, whatever the number of workers, however often
-the run was cut off, and whatever was lost in between.
+successes below it and the trials under way together are fewer than wanted. So the last trial of the
+finished set is the one that brought the last success, for any number of workers and after any
+interruption.
 """
 
 from collections.abc import Callable
@@ -57,7 +57,7 @@ class CollectionProgress:
 
 @dataclass(frozen=True)
 class SeedKey:
-    """A seed with a name for messages."""
+    """Identifies a trial by its seed."""
 
     seed: int
 
@@ -86,9 +86,9 @@ def collect(
         open_executor: makes the workers; called only if a trial is to be run.
         wanted: number of successes in all.
         first_seed: seed of the first trial; None: as it was begun, 0 for a new data set.
-        max_trials: give up after so many trials; None: never.
+        max_trials: give up after this number of trials; None: never.
         code: the code that makes the episodes; None: this process's.
-        accept_changes: whether to go on though other code made what is there.
+        accept_changes: whether to continue although other code made the episodes there.
         on_progress: called with each new trial, and about twice a second without one.
         on_message: called with what the user should know meanwhile.
 

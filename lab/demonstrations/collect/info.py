@@ -117,7 +117,7 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
     except (*DAMAGED, cv2.error) as error:
         raise EpisodeError(
             f"cannot read {file}, it is damaged: {str(error).partition(chr(10))[0]}; trill collect "
-            "--check tells more"
+            "--check shows more"
         ) from error
     write_picture(path, picture)
     return chosen

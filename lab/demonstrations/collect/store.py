@@ -72,7 +72,7 @@ class DatasetStore:
         Args:
             config: settings of the episodes.
             code: the code that makes them.
-            accept: whether other code than that of the episodes there is accepted.
+            accept: whether to accept that other code made the episodes there.
             seed: seed of the first trial; None: as it was begun, 0 for a new data set.
 
         Returns:
@@ -80,7 +80,7 @@ class DatasetStore:
 
         Raises:
             ConfigError: it was begun with other settings or another seed, or by other code.
-            EpisodeError: another process writes here, or nobody can.
+            EpisodeError: another process writes here, or the folder cannot be written.
         """
         with self.locked():
             yield self._begin(config, code, accept, seed)
@@ -111,7 +111,7 @@ class DatasetStore:
         return file.first_seed
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
-        """Keep a trial: its episode, or only its metadata."""
+        """Write the file of a trial, its episode or only its metadata, and extend the index."""
         kept = content is not None
         name = f"{EPISODES}/{meta.seed:06d}.h5" if kept else f"{REJECTED}/{meta.seed:06d}.json"
         data = content if content is not None else (meta.model_dump_json() + "\n").encode()
@@ -125,7 +125,7 @@ class DatasetStore:
         """Return a trial's index line from its file.
 
         Raises:
-            EpisodeError: the file is damaged, or is not the trial its name says.
+            EpisodeError: the file is damaged, or its name is that of another trial.
         """
         try:
             content = path.read_bytes()
@@ -136,7 +136,7 @@ class DatasetStore:
         else:
             meta = parse_meta(path, content.decode(errors="replace"))
         if path.stem != f"{meta.seed:06d}":
-            raise EpisodeError(f"{path}: expected the trial its name says, got seed {meta.seed}")
+            raise EpisodeError(f"{path}: expected the trial of its name, got seed {meta.seed}")
         return index_line(str(path.relative_to(self.root)), content, meta)
 
     def scan(self, on_file: Callable[[], None] = lambda: None) -> list[IndexLine]:

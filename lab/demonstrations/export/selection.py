@@ -231,6 +231,6 @@ def open_selected(selected: SelectedEpisode) -> Iterator[Episode]:
 
 def _unreadable(selected: SelectedEpisode, error: Exception) -> DatasetError:
     return DatasetError(
-        f"{selected.path} cannot be exported: {error}; trill collect --check says whether it is "
-        "damaged: if so, move it away, and trill collect makes it again"
+        f"{selected.path} cannot be exported: {error}; check the data set with trill collect "
+        "--check: if the file is damaged, move it away, and trill collect makes it again"
     )

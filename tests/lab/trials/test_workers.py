@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.trials.workers import LocalExecutor, stop_wanted, worker_environment
+from lab.trials.workers import LocalExecutor, stop_request, worker_environment
 
 
 def pid() -> int:
@@ -18,7 +18,7 @@ def pid() -> int:
 
 def busy(seconds: float) -> int:
     end = time.monotonic() + seconds
-    while time.monotonic() < end and not stop_wanted():
+    while time.monotonic() < end and not stop_request().is_set():
         time.sleep(0.01)
     return os.getpid()
 

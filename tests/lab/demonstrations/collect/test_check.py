@@ -166,7 +166,7 @@ def test_the_index_and_the_files_are_compared(
     said = capsys.readouterr().out
     assert "000000.h5: cannot read" in said
     assert "rejected/000001.json: in the index, but not there" in said
-    assert "000007.h5: expected the trial its name says, got seed 2" in said
+    assert "000007.h5: expected the trial of its name, got seed 2" in said
     assert "3 trials read; 4 wrong" in said
     (store.root / "index.jsonl").write_text('{"file": "epis')
     assert any("--reindex" in text for text in check(store))
