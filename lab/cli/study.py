@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
-from lab.cli import study_human
 from lab.cli.commands import Action, Command, add_commands, run_chosen
+from lab.cli.study_human import COMMANDS, ROOT
 from lab.trials import options
 
 if TYPE_CHECKING:
     from lab.studies.latency.plan import Plan
     from lab.studies.latency.store import StudyStore
 
-ROOT = Path("runs/studies/latency")
 TEXT = """The latency study: how control latency and the interpolation of hand set-points change
 completion time, success and workload. `latency` runs it with the synthetic operator in simulated
 time and writes the report; `add` adds trials of persons from their logs, `tlx` their answers on
@@ -58,7 +57,7 @@ LATENCY_EXAMPLES = f"""examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill study``."""
-    add_commands(parser, (LATENCY_COMMAND, *study_human.commands(ROOT)), "study", "study")
+    add_commands(parser, (LATENCY_COMMAND, *COMMANDS), "study", "study")
 
 
 def run(arguments: argparse.Namespace) -> int:

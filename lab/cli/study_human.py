@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from lab.studies.latency.record import StudyTrial
     from lab.studies.latency.tlx import Answers
 
+ROOT = Path("runs/studies/latency")
 ADD = """Add a person's trials from a recorded log to the study: verdict, time and contacts as the
 task's judge gave them, latencies as the services measured them, and how the hands moved. Every
 judged trial of the log counts, except those before the operator came; all must have been done under
@@ -46,31 +47,15 @@ a file of answers; `weights` (how often each scale was chosen, 15 in all) may be
 """
 
 
-def commands(root: Path) -> tuple[Command, Command]:
-    """Return both as subcommands of ``trill study``; ``root`` is the default folder."""
-    return (
-        Command(
-            "add",
-            "add a person's trials from a log",
-            Action(ADD, ADD_EXAMPLES, lambda parser: _add_options(parser, root), _add),
-        ),
-        Command(
-            "tlx",
-            "ask a person for the workload",
-            Action(TLX, TLX_EXAMPLES, lambda parser: _tlx_options(parser, root), _tlx),
-        ),
-    )
-
-
-def _add_options(add: argparse.ArgumentParser, root: Path) -> None:
+def _add_options(add: argparse.ArgumentParser) -> None:
     add.add_argument("log", type=Path, help="the run's directory or its log")
     add.add_argument(
         "--anyway", action="store_true", help="also if measured latencies do not fit the condition"
     )
-    _session_options(add, root)
+    _session_options(add)
 
 
-def _tlx_options(tlx: argparse.ArgumentParser, root: Path) -> None:
+def _tlx_options(tlx: argparse.ArgumentParser) -> None:
     tlx.add_argument("--task", required=True, help="the task that was done")
     tlx.add_argument(
         "--seeds", type=options.seed, nargs="*", default=[], help="seeds of the person's trials"
@@ -78,15 +63,15 @@ def _tlx_options(tlx: argparse.ArgumentParser, root: Path) -> None:
     tlx.add_argument("--no-pairs", action="store_true", help="ask only for the six scales")
     tlx.add_argument("--remarks", help="remarks of the person")
     tlx.add_argument("--answers", type=Path, metavar="FILE.json", help="take the answers from FILE")
-    _session_options(tlx, root)
+    _session_options(tlx)
 
 
-def _session_options(parser: argparse.ArgumentParser, root: Path) -> None:
+def _session_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--participant", required=True, type=_pseudonym, help="pseudonym, as P01; never a name"
     )
     parser.add_argument("--condition", required=True, help="name of the condition in the study")
-    parser.add_argument("--out", type=Path, default=root, help=f"the study's folder ({root})")
+    parser.add_argument("--out", type=Path, default=ROOT, help=f"the study's folder ({ROOT})")
 
 
 def _pseudonym(text: str) -> str:
@@ -234,3 +219,11 @@ def _choose(read: Callable[[str], str], prompt: str, choices: Collection[str]) -
     while (answer := read(prompt).strip()) not in choices:
         print(f"  expected {', '.join(choices)}; got {answer!r}")
     return answer
+
+
+COMMANDS = (
+    Command(
+        "add", "add a person's trials from a log", Action(ADD, ADD_EXAMPLES, _add_options, _add)
+    ),
+    Command("tlx", "ask a person for the workload", Action(TLX, TLX_EXAMPLES, _tlx_options, _tlx)),
+)
