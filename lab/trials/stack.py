@@ -116,7 +116,7 @@ class TaskStack:
         return result
 
     def _result(self, verdict: str, reason: str, wall: float) -> TrialResult:
-        status, person = self.status, self.operator.person
+        status = self.status
         stages = [] if status is None else status.stages
         return TrialResult(
             task=self.spec.task,
@@ -125,7 +125,7 @@ class TaskStack:
             time=0.0 if status is None else status.time,
             reason=reason,
             gave_up=self.operator.failure,
-            doing="" if person is None else person.note,
+            doing=self.operator.note,
             stages=tuple(stage.name for stage in stages if stage.done),
             simulated=self.runner.now_ns * 1e-9,
             wall=wall,
