@@ -10,7 +10,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ValidationError
 
 from common.errors import TrillError, explain
-from common.files import alone, write_whole
+from common.files import exclusive_lock, write_whole
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -51,7 +51,7 @@ def locked_folder(root: Path, kind: type[TrillError]) -> Iterator[None]:
     with ExitStack() as stack:
         with disk_errors(root, kind):
             root.mkdir(parents=True, exist_ok=True)
-            stack.enter_context(alone(root / ".lock", kind))
+            stack.enter_context(exclusive_lock(root / ".lock", kind))
         yield
 
 
