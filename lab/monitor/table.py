@@ -209,7 +209,7 @@ def _links(rows: Sequence[InputRow]) -> Table:
 def _peers(rows: Sequence[PeerRow]) -> Table:
     return _table(
         ["peer", "seen by", "state"],
-        ["deaths", "its clock is behind by"],
+        ["losses", "its clock is behind by"],
         [
             (
                 row.peer.source,
