@@ -8,7 +8,7 @@ from pathlib import Path
 
 from common.errors import TrillError
 from lab.demonstrations.export import lerobot, robomimic
-from lab.demonstrations.export.source import EpisodeSelection, Source, choose
+from lab.demonstrations.export.selection import EpisodeSelection, ExportInput, select_episodes
 from lab.errors import DatasetError
 from verification.loaders.loaders import LOADERS, Loader, ask, install, python_of
 
@@ -42,7 +42,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="trill-loaders-") as name:
             scratch = Path(name)
             roots = [root.resolve() for root in arguments.data] or [_collected(scratch)]
-            source = choose(EpisodeSelection(tuple(roots)))
+            source = select_episodes(EpisodeSelection(tuple(roots)))
             for loader in wanted:
                 python = python_of(loader)
                 if python is None:
@@ -89,7 +89,7 @@ def _collected(scratch: Path) -> Path:
 
 
 def _accepted(
-    loader: Loader, python: str, venvs: Path, source: Source, roots: list[Path], scratch: Path
+    loader: Loader, python: str, venvs: Path, source: ExportInput, roots: list[Path], scratch: Path
 ) -> bool:
     """Whether a loader takes every export meant for it."""
     try:

@@ -47,7 +47,7 @@ def expected_actions(original: Original) -> Any:
 def picture_keys(export: Path) -> dict[str, str]:
     """Key of each eye's pictures; empty: there are none."""
     with h5py.File(export, "r") as file:
-        keys = {eye: f"robot0_{eye}_eye_image" for eye in EYES}
+        keys = {eye: f"robot0_{eye}_camera_image" for eye in EYES}
         return {eye: key for eye, key in keys.items() if key in file["data/demo_0/obs"]}
 
 
