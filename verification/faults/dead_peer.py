@@ -13,9 +13,8 @@ from pydantic import Field
 from deploy.ports import reserve_base_port
 from verification.faults.plan import FaultPlan, Progress, Promise, Row
 from verification.faults.support import probes
-from verification.faults.support.process import Process
+from verification.faults.support.process import FAULTS, Process
 
-FAULTS = {"killed": signal.SIGKILL, "paused": signal.SIGSTOP, "hung": signal.SIGUSR1}
 SETTLE_S = 2.0
 PAUSE_S = 0.2
 """Time from the detection until a paused source goes on [s]."""
@@ -49,14 +48,14 @@ class DeadPeer(FaultPlan):
             reader.expect(probes.CONNECTED)
             time.sleep(SETTLE_S)
             reader.count("")
-            for fault, number in FAULTS.items():
+            for fault in FAULTS:
                 missed, back, false_alarms = [], [], 0
                 for turn in range(self.times):
                     progress(f"{fault}, {turn + 1} of {self.times}")
                     time.sleep(rng.uniform(*QUIET_S))
                     false_alarms += reader.count(probes.DEAD)
                     began = time.monotonic()
-                    source.send_signal(number)
+                    source.inject(fault)
                     missed.append(_time_of(reader.expect(probes.DEAD)) - began)
                     returned = began + probes.HANG_S
                     if fault == "killed":

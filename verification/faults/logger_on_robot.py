@@ -5,13 +5,10 @@ turns within one run, so that other load of the machine affects all of them alik
 own loop times and the plant's state age at the torque are compared, and falls are counted.
 """
 
-import signal
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path
+from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import ClassVar
 
 import numpy as np
@@ -57,7 +54,7 @@ class LoggerOnRobot(FaultPlan):
 
     def measure(self, progress: Progress) -> list[Row]:
         """Return a row for each condition; see the base class."""
-        windows = {condition: Window() for condition in CONDITIONS}
+        seen: dict[str, list[list[Message]]] = {condition: [] for condition in CONDITIONS}
         with (
             tempfile.TemporaryDirectory() as folder,
             reserve_base_port() as port,
@@ -68,92 +65,53 @@ class LoggerOnRobot(FaultPlan):
                 stack.enter_context(Process(module, *arguments, environment=environment))
             monitor = stack.enter_context(Monitor(port, SCHEMAS))
             progress("waiting for the first gait")
-            _wait_for_gait(monitor)
-            for number in range(self.rounds):
-                for condition, window in windows.items():
-                    progress(f"round {number + 1}: logger {condition}")
-                    with _logger(condition, port, Path(folder) / f"{condition}-{number}"):
-                        window.record(monitor, self.seconds)
+            if not any(getattr(m, "gaits_completed", 0) for m in monitor.listen(TIMEOUT_S)):
+                raise FaultError(f"the robot did not complete a gait within {TIMEOUT_S:g} s")
+            turns = [condition for _ in range(self.rounds) for condition in CONDITIONS]
+            for number, condition in enumerate(turns, 1):
+                progress(f"{number} of {len(turns)}: logger {condition}")
+                router = f"tcp/127.0.0.1:{port + ROUTER_OFFSET}"
+                route = ("--mode", "client", "--connect", router)
+                with ExitStack() as attached:
+                    if condition != "none":
+                        logger = Process("services.logger", "--out", f"{folder}/{number}", *route)
+                        attached.enter_context(logger)
                     time.sleep(SETTLE_S)
-        return [window.row(condition, windows["none"]) for condition, window in windows.items()]
+                    if condition != "none":
+                        logger.inject(condition)
+                    seen[condition].append(list(monitor.listen(self.seconds)))
+                time.sleep(SETTLE_S)
+        reference = _loop_p99(seen["none"])
+        return [_row(condition, rounds, reference) for condition, rounds in seen.items()]
 
 
-@dataclass
-class Window:
-    """What was published during one condition, all its rounds together."""
-
-    health: list[list[ServiceHealth]] = field(default_factory=list)
-    status: list[PlantStatus] = field(default_factory=list)
-    gaits: int = 0
-
-    def record(self, monitor: Monitor, seconds: float) -> None:
-        """Add what is published during the next seconds.
-
-        Raises:
-            FaultError: the controller publishes nothing.
-        """
-        health: list[ServiceHealth] = []
-        gaits: list[int] = []
-        for message in monitor.listen(seconds):
-            if isinstance(message, ServiceHealth):
-                health.append(message)
-            elif isinstance(message, PlantStatus):
-                self.status.append(message)
-            else:
-                gaits.append(message.gaits_completed)
-        if not (health and gaits):
-            raise FaultError("the controller has stopped publishing")
-        self.health.append(health)
-        self.gaits += gaits[-1] - gaits[0]
-
-    @property
-    def p99(self) -> list[float]:
-        """99th percentiles of the controller's loop, as it published them [ms]."""
-        return [1e3 * message.step_p99 for part in self.health for message in part]
-
-    def row(self, condition: str, reference: "Window") -> Row:
-        """Summarise the controller's loop, compared with ``reference``, and the state age."""
-        median = [1e3 * message.step_median for part in self.health for message in part]
-        age = [1e3 * message.age_at_torque_p99 for message in self.status]
-        p99 = float(np.median(self.p99))
-        return {
-            "logger": condition,
-            "loop p50 [ms]": float(np.median(median)),
-            "p99 [ms]": p99,
-            "lowest": min(self.p99),
-            "highest": max(self.p99),
-            "p99 ratio": p99 / float(np.median(reference.p99)),
-            "age p99 [ms]": float(np.median(age)),
-            "misses": sum(p[-1].deadline_misses - p[0].deadline_misses for p in self.health),
-            "steps": sum(p[-1].steps - p[0].steps for p in self.health),
-            "gaits": self.gaits,
-            "fell": int(any(message.fallen for message in self.status)),
-        }
+def _loop_p99(rounds: Sequence[Sequence[Message]]) -> list[float]:
+    """Return the 99th percentiles of the controller's loop, as it published them [ms]."""
+    return [1e3 * m.step_p99 for part in rounds for m in part if isinstance(m, ServiceHealth)]
 
 
-def _wait_for_gait(monitor: Monitor) -> None:
-    for message in monitor.listen(TIMEOUT_S):
-        if isinstance(message, ControllerState) and message.gaits_completed:
-            return
-    raise FaultError(f"the robot did not complete a gait within {TIMEOUT_S:g} s")
+def _row(condition: str, rounds: Sequence[Sequence[Message]], reference: Sequence[float]) -> Row:
+    """Summarise what was published during all rounds of a condition.
 
-
-@contextmanager
-def _logger(condition: str, port: int, folder: Path) -> Iterator[None]:
-    """Run a logger that is attached, paused or killed inside the context; or none."""
-    if condition == "none":
-        time.sleep(SETTLE_S)
-        yield
-        return
-    router = f"tcp/127.0.0.1:{port + ROUTER_OFFSET}"
-    route = ("--mode", "client", "--connect", router)
-    with Process("services.logger", "--out", str(folder), *route) as logger:
-        time.sleep(SETTLE_S)
-        if condition == "paused":
-            logger.send_signal(signal.SIGSTOP)
-        elif condition == "killed":
-            logger.kill()
-        yield
-        if condition == "paused":
-            logger.send_signal(signal.SIGCONT)
-            time.sleep(1.0)
+    Raises:
+        FaultError: the controller or the plant published nothing.
+    """
+    health = [[m for m in part if isinstance(m, ServiceHealth)] for part in rounds]
+    states = [[m for m in part if isinstance(m, ControllerState)] for part in rounds]
+    status = [m for part in rounds for m in part if isinstance(m, PlantStatus)]
+    if not (all(health) and all(states) and status):
+        raise FaultError("the robot's services have stopped publishing")
+    p99 = _loop_p99(rounds)
+    return {
+        "logger": condition,
+        "loop p50 [ms]": float(np.median([1e3 * m.step_median for part in health for m in part])),
+        "p99 [ms]": float(np.median(p99)),
+        "lowest": min(p99),
+        "highest": max(p99),
+        "p99 ratio": float(np.median(p99) / np.median(reference)),
+        "age p99 [ms]": float(np.median([1e3 * m.age_at_torque_p99 for m in status])),
+        "misses": sum(part[-1].deadline_misses - part[0].deadline_misses for part in health),
+        "steps": sum(part[-1].steps - part[0].steps for part in health),
+        "gaits": sum(part[-1].gaits_completed - part[0].gaits_completed for part in states),
+        "fell": int(any(m.fallen for m in status)),
+    }

@@ -18,6 +18,8 @@ from common.transport.tap import RawSample, RawTap
 from common.wire.codec import decode
 from verification.faults.plan import FaultError
 
+FAULTS = {"killed": signal.SIGKILL, "paused": signal.SIGSTOP, "hung": signal.SIGUSR1}
+"""Signals that break a process; only a probe source hangs on the last one."""
 TIMEOUT_S = 60.0
 """A process that does not print, write or publish what is expected in this time has failed [s]."""
 
@@ -61,6 +63,11 @@ class Process:
     def running(self) -> bool:
         """Whether the process has not ended."""
         return self._popen.poll() is None
+
+    def inject(self, fault: str) -> None:
+        """Break the process by one of :data:`FAULTS`; any other word leaves it alone."""
+        if fault in FAULTS:
+            self.send_signal(FAULTS[fault])
 
     def kill(self) -> None:
         """Kill the process with SIGKILL and wait for its end."""
@@ -111,15 +118,14 @@ class Process:
 
 
 class Monitor:
-    """Listen to topics on the bus as a passive peer; a context manager."""
+    """Listen to everything on the bus as a passive peer; a context manager."""
 
     def __init__(self, base_port: int, schemas: Mapping[str, type[Message]]) -> None:
-        """Subscribe to ``schemas``: the key without the robot's name, to the message type."""
+        """Subscribe; ``schemas`` gives the type of the messages to decode by their topic."""
         config = BusConfig(base_port=base_port)
         self._schemas = schemas
         self._session: Any = open_session(config, "monitor")
-        keys = [f"{config.robot}/{key}" for key in schemas]
-        self._tap = RawTap(self._session, config.robot, expressions=keys)
+        self._tap = RawTap(self._session, config.robot)
 
     def __enter__(self) -> Self:
         return self
@@ -132,10 +138,12 @@ class Monitor:
         return self._tap.drain()
 
     def listen(self, seconds: float) -> Iterator[Any]:
-        """Yield messages as they arrive in the next seconds; earlier ones are dropped."""
+        """Decode messages as they arrive in the next seconds; earlier ones are dropped."""
         self.drain()
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             for sample in self.drain():
-                yield decode(sample.payload, self._schemas[sample.key.partition("/")[2]])
+                schema = self._schemas.get(sample.key.partition("/")[2])
+                if schema is not None:
+                    yield decode(sample.payload, schema)
             time.sleep(0.02)
