@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite study tasks links faults fuzz loaders bench lint setup clean
+.PHONY: help demo drive top test suite study tasks links faults fuzz loaders bench docs lint setup clean
 
 help: ## say what there is
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -48,6 +48,9 @@ loaders: $(STAMP) ## robomimic and lerobot load exported demonstrations, each in
 bench: $(STAMP) ## measure the figures the README quotes
 	@set -e; for file in benchmarks/bench_*.py; do \
 		echo "== $$file"; $(BIN)/python "$$file" $(ARGS); done
+
+docs: $(STAMP) ## write the generated reference pages again
+	$(BIN)/python -m docs.reference $(ARGS)
 
 lint: $(STAMP) ## style, types and who imports whom
 	PATH="$(CURDIR)/$(BIN):$$PATH" deploy/lint.sh

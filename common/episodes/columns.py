@@ -1,4 +1,6 @@
-"""THE table of an episode's arrays: path, width, unit, frame, names; file and info derive from it.
+"""THE table of an episode's arrays: path, width, unit, frame and names.
+
+The file format, the checks and the exports derive from it.
 
 Body frame is ``torso_link`` (x forward, y left, z up). Quaternions are (w, x, y, z), each with the
 sign that is nearer to the frame's usual orientation, so that they do not jump.
@@ -9,23 +11,24 @@ from dataclasses import dataclass, field
 from common.robot.frames import BODY_FRAME
 from common.robot.joints import JOINT_NAMES
 
-EYES = ("left", "right")
+CAMERAS = ("left", "right")
+"""The stereo pair."""
 SIDES = ("left", "right")
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
 @dataclass(frozen=True)
 class Column:
-    """One array of an episode; its first axis are the frames.
+    """Describes one array of an episode, whose first axis counts the frames.
 
     Attributes:
-        path: in the file.
-        names: of the second axis; empty: one number a frame.
-        unit: of the numbers.
-        doc: what they are.
-        frame: coordinates they are given in.
-        dtype: as numpy's names.
-        varies: the width depends on the scene; ``names`` is empty then.
+        path: name of the array in the file.
+        unit: unit of its numbers.
+        doc: what the numbers mean.
+        names: names along the second axis; empty if there is one number a frame.
+        frame: coordinate frame of the numbers; empty if they have none.
+        dtype: numpy's name of the data type.
+        varies: whether the width depends on the scene; ``names`` is empty then.
     """
 
     path: str
@@ -38,7 +41,7 @@ class Column:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of one frame; meaningless if it varies."""
+        """Shape of one frame's numbers; meaningless if the width varies."""
         return (len(self.names),) if self.names else ()
 
 
@@ -60,11 +63,13 @@ COLUMNS: tuple[Column, ...] = (
     _ns("time/robot_ns", "robot time of the frame: when the action was given"),
     _ns("time/state_ns", "robot time at which the joints were measured"),
     _ns("time/controller_ns", "robot time of the state the controller's state belongs to"),
-    _ns("time/truth_ns", "robot time of pictures and truth"),
+    _ns("time/picture_ns", "robot time at which the stereo pair was taken"),
+    _ns("time/truth_ns", "robot time of the ground truth"),
     _ns("time/seen_ns", "robot time of what the operator acted on; older over a delayed link"),
     Column("age/state", "s", "age of the measured joints in this frame"),
     Column("age/controller", "s", "age of the controller's state in this frame"),
-    Column("age/truth", "s", "age of the pictures in this frame"),
+    Column("age/picture", "s", "age of the stereo pair in this frame"),
+    Column("age/truth", "s", "age of the ground truth in this frame"),
     Column("age/seen", "s", "age of what the operator acted on"),
     Column(
         "observation/poses",
@@ -111,14 +116,15 @@ COLUMNS: tuple[Column, ...] = (
     Column("truth/gripper_closure", "1", "exact; 0 open, 1 closed", SIDES),
     Column("truth/scene_qpos", "rad, m", "the scene's joints, in model order", varies=True),
 )
-"""``truth`` poses robot and scene as in the pictures, to render them anew at any size."""
+"""The ``truth`` arrays pose robot and scene, so that pictures can be rendered at any size."""
 
 BY_PATH = {column.path: column for column in COLUMNS}
+"""The same columns by their path."""
 
 
 @dataclass
 class Rows:
-    """Frames of an episode as they come: one list of rows a column."""
+    """Collects the frames of an episode: one list of rows for each column."""
 
     rows: dict[str, list[object]] = field(default_factory=lambda: {c.path: [] for c in COLUMNS})
 

@@ -1,69 +1,82 @@
-"""An episode as one HDF5 file: arrays of 20 Hz, JPEG pictures, and what it all means.
+"""Reads and writes an episode as one HDF5 file: arrays at 20 Hz, JPEG pictures, and metadata.
 
-HDF5, since any language reads it, a training loop can read ten frames out of the middle, and names,
-units and frames sit beside the numbers. Pictures are JPEG files one after another in
-``images/<eye>/data``; picture i is ``data[offset[i]:offset[i + 1]]``. Nothing in a file depends on
-when or where it was written: same seed, same bytes.
+Any language reads HDF5, a training loop can read ten frames out of the middle, and names, units
+and frames sit beside the numbers. Pictures are JPEG files one after another in
+``images/<camera>/data``; picture i is ``data[offset[i]:offset[i + 1]]``. Nothing in a file depends
+on when or where it was written: the same seed gives the same bytes.
+
+Reading needs h5py, numpy and pydantic only; decoding a picture needs OpenCV besides.
 """
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-import cv2
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from common.episodes.columns import BY_PATH, COLUMNS, EYES, Rows
+from common.episodes.columns import BY_PATH, CAMERAS, COLUMNS, Rows
 from common.episodes.errors import EpisodeError
 from common.errors import explain
-from lab.demonstrations.collect.recipe import EpisodeConfig
 
 FORMAT = "trill-episode"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 RATE = 20
 """Frames per second."""
+PERIOD_NS = 1_000_000_000 // RATE
+"""Time from one frame to the next [ns]."""
 Image = NDArray[np.uint8]
+Operator = Literal["synthetic", "person", "policy"]
+"""Who operates the robot: a program that imitates a person, a person, or a learned policy."""
 
 
 class EpisodeMeta(BaseModel):
-    """What is known of an episode beside its arrays; kept in the file as the attribute ``meta``."""
+    """Describes an episode beside its arrays; the file keeps it as the attribute ``meta``."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: int = SCHEMA_VERSION
-    task: str
-    seed: int = Field(ge=0)
-    synthetic: bool = Field(default=True, description="the operator is no person")
+    operator: Operator = Field(description="who operated the robot")
+    task: str = Field(description="name of the task, for instance door/unlock")
+    goal: str = Field(description="the task's goal as a sentence")
+    seed: int = Field(ge=0, description="seed of the trial; identifies it within its data set")
     verdict: str = Field(description="success, partial, failure, or error")
-    reason: str
+    reason: str = Field(description="the judge's reason")
     completion_time: float = Field(ge=0.0, description="robot time until the verdict [s]")
     verdict_frame: int = Field(ge=-1, description="first frame after the verdict; -1: none")
-    frames: int = Field(ge=0, description="at 20 Hz")
+    frames: int = Field(ge=0, description="number of frames, at 20 Hz")
     rate: int = RATE
-    stages: tuple[str, ...] = Field(description="of the task that were done")
+    frame_tolerance: float = Field(
+        default=0.001, ge=0.0, description="a frame may be off its place in time by this [s]"
+    )
+    picture_size: tuple[int, int] | None = Field(
+        description="width and height of the pictures [pixels]; null: there are none"
+    )
+    stages: tuple[str, ...] = Field(description="stages of the task that were completed")
     gave_up: str = Field(description="why the operator ended early; empty: it did not")
-    recipe: EpisodeConfig = Field(description="all that the episode depends on, but for the seed")
-    versions: dict[str, str] = Field(description="of Python and packages")
+    origin: dict[str, JsonValue] = Field(
+        description="the settings under which the episode came about, all but the seed"
+    )
+    versions: dict[str, str] = Field(description="versions of Python and packages")
     source: str = Field(default="", description="digest of the code that made it; empty: unknown")
 
     @property
     def success(self) -> bool:
-        """Whether the task was done as it should be."""
+        """Whether the task was completed without undesired contacts."""
         return self.verdict == "success"
 
 
 def to_bytes(meta: EpisodeMeta, rows: Rows, pictures: Mapping[str, Sequence[bytes]]) -> bytes:
-    """The file's content.
+    """Return the content of an episode's file.
 
     Args:
-        meta: of the episode.
+        meta: metadata of the episode.
         rows: its frames.
-        pictures: JPEG files by eye, one a frame; empty: none.
+        pictures: JPEG files by camera, one a frame; empty: the episode has none.
     """
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
@@ -80,8 +93,8 @@ def to_bytes(meta: EpisodeMeta, rows: Rows, pictures: Mapping[str, Sequence[byte
                 data.attrs["frame"] = column.frame
             if column.names:
                 data.attrs["names"] = list(column.names)
-        for eye, files in pictures.items():
-            _write_pictures(file.create_group(f"images/{eye}"), files)
+        for camera, files in pictures.items():
+            _write_pictures(file.create_group(f"images/{camera}"), files)
     return buffer.getvalue()
 
 
@@ -93,17 +106,17 @@ def _write_pictures(group: Any, files: Sequence[bytes]) -> None:
 
 
 class Episode:
-    """An open episode; arrays are read when asked for.
+    """Gives access to an open episode file; arrays are read when they are asked for.
 
     Attributes:
-        meta: what is known of it.
+        meta: metadata of the episode.
     """
 
     def __init__(self, file: Any, meta: EpisodeMeta) -> None:
         self._file, self.meta = file, meta
 
     def array(self, path: str, frames: slice = slice(None)) -> NDArray[Any]:
-        """A column of :data:`~common.episodes.columns.COLUMNS`, first axis the frames.
+        """Return a column of :data:`~common.episodes.columns.COLUMNS`; its first axis is frames.
 
         Raises:
             EpisodeError: there is no such column.
@@ -114,37 +127,50 @@ class Episode:
 
     @property
     def has_pictures(self) -> bool:
-        """Whether there are pictures."""
+        """Whether the file holds pictures."""
         return "images" in self._file
 
-    def jpeg(self, eye: str, frame: int) -> bytes:
-        """One picture as a JPEG file.
+    def jpeg(self, camera: str, frame: int) -> bytes:
+        """Return one picture as a JPEG file.
 
         Raises:
             EpisodeError: there are no pictures, or no such frame.
         """
-        if not self.has_pictures or eye not in EYES or not 0 <= frame < self.meta.frames:
+        if not self.has_pictures or camera not in CAMERAS or not 0 <= frame < self.meta.frames:
             raise EpisodeError(
-                f"no picture of the {eye} eye in frame {frame}: the episode has "
+                f"no picture of the {camera} camera in frame {frame}: the episode has "
                 f"{self.meta.frames} frames {'with' if self.has_pictures else 'without'} pictures"
             )
-        group = self._file[f"images/{eye}"]
+        group = self._file[f"images/{camera}"]
         begin, end = group["offset"][frame : frame + 2]
         return bytes(group["data"][begin:end].tobytes())
 
-    def picture(self, eye: str, frame: int) -> Image:
-        """One picture (height, width, 3) RGB."""
-        file = np.frombuffer(self.jpeg(eye, frame), dtype=np.uint8)
-        picture = cv2.cvtColor(cv2.imdecode(file, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+    def picture(self, camera: str, frame: int) -> Image:
+        """Decode one picture (height, width, 3) RGB; this needs OpenCV.
+
+        Raises:
+            EpisodeError: there are no pictures or no such frame, or the picture is damaged.
+        """
+        # Everything else in this file must be readable without OpenCV.
+        import cv2
+
+        file = np.frombuffer(self.jpeg(camera, frame), dtype=np.uint8)
+        try:
+            picture = cv2.cvtColor(cv2.imdecode(file, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+        except cv2.error as error:
+            raise EpisodeError(
+                f"the picture of the {camera} camera in frame {frame} is damaged: "
+                f"{str(error).partition(chr(10))[0]}"
+            ) from error
         return np.asarray(picture, dtype=np.uint8)
 
 
 @contextmanager
 def open_episode(path: Path) -> Iterator[Episode]:
-    """Open an episode's file.
+    """Open an episode's file for reading.
 
     Raises:
-        EpisodeError: it is none, or of another version.
+        EpisodeError: it is no episode file, or one of another version.
     """
     try:
         with h5py.File(path, "r") as file:
@@ -164,12 +190,12 @@ def _meta_of(path: Path, file: Any) -> EpisodeMeta:
 
 
 def parse_meta(path: Path, text: str) -> EpisodeMeta:
-    """Check the JSON of an episode's description.
+    """Read the JSON text of an episode's metadata; ``path`` is for the message.
 
     Raises:
-        EpisodeError: it is not understood.
+        EpisodeError: the text does not fit :class:`EpisodeMeta`.
     """
     try:
         return EpisodeMeta.model_validate_json(text)
     except ValidationError as error:
-        raise EpisodeError(f"{path}: the description is wrong: {explain(error)}") from error
+        raise EpisodeError(f"{path}: the metadata is wrong: {explain(error)}") from error

@@ -68,7 +68,9 @@ class LinkSpec(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    distribution: Distribution = Distribution.CONSTANT
+    distribution: Distribution = Field(
+        default=Distribution.CONSTANT, description="how delays are drawn"
+    )
     mean: Delay = Field(default=0.0, description="[s]")
     sd: Delay = Field(default=0.0, description="standard deviation [s]")
     trace: tuple[Delay, ...] = Field(default=(), repr=False, description="recorded delays [s]")

@@ -42,9 +42,15 @@ class BusConfig(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     robot: Name = Field(default="draco3", description="first part of every key")
-    mode: Literal["peer", "client", "router"] = "peer"
+    mode: Literal["peer", "client", "router"] = Field(
+        default="peer",
+        description="peer: connects to the other services directly; client: reaches them through a "
+        "router; router: passes messages on for clients",
+    )
     host: str = Field(default="127.0.0.1", description="address of this machine's port table")
-    base_port: int = Field(default=DEFAULT_BASE_PORT, ge=1024, le=65000)
+    base_port: int = Field(
+        default=DEFAULT_BASE_PORT, ge=1024, le=65000, description="first port of the table"
+    )
     listen: tuple[str, ...] | None = Field(
         default=None, description="endpoints to listen on; None: this service's port in the table"
     )
@@ -56,8 +62,12 @@ class BusConfig(BaseModel):
     lease_ms: int = Field(
         default=1500, ge=100, le=60_000, description="a silent link is given up after this long"
     )
-    retry_initial_ms: int = Field(default=100, ge=10, le=10_000)
-    retry_max_ms: int = Field(default=500, ge=10, le=60_000)
+    retry_initial_ms: int = Field(
+        default=100, ge=10, le=10_000, description="first pause before connecting is tried again"
+    )
+    retry_max_ms: int = Field(
+        default=500, ge=10, le=60_000, description="longest pause; it grows by half each time"
+    )
     patience_s: float = Field(
         default=20.0, ge=0.0, description="how long a client looks for its router when opening"
     )
@@ -68,7 +78,9 @@ class BusConfig(BaseModel):
     drop_wait_fragments_us: int = Field(
         default=3000, ge=0, le=1_000_000, description="the same for a message of many fragments"
     )
-    shared_memory: bool = False
+    shared_memory: bool = Field(
+        default=False, description="whether Zenoh may use shared memory on one host"
+    )
     zenoh: dict[str, Any] = Field(
         default_factory=dict,
         description="laid over the generated Zenoh configuration, e.g. TLS or access control",

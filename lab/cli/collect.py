@@ -3,16 +3,15 @@
 import argparse
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
-from lab.cli.collected import check_files, reindex, show_info
 from lab.cli.commands import Command
+from lab.trials import options
 
 if TYPE_CHECKING:
-    from lab.demonstrations.collect.executors import Executor
-    from lab.demonstrations.collect.recipe import EpisodeConfig
+    from lab.demonstrations.collect.config import EpisodeConfig
 
 DATASETS = Path("runs/datasets")
 TEXT = """Collect demonstrations of a task: a synthetic operator (a program with human-like hands,
@@ -50,52 +49,51 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("task", nargs="?", help="which task, as door/unlock; trill tasks lists them")
     add(
         "--episodes",
-        type=_positive,
+        type=options.count,
         default=10,
         metavar="N",
-        help="successes wanted, those of an earlier run counted (10)",
+        help="number of successes, those of an earlier run included (10)",
     )
-    add(
-        "--jobs",
-        type=_positive,
-        metavar="N",
-        help="trials at a time, a process each (1; Ray: as many as the cluster has processors)",
-    )
+    options.add_executor_options(parser, default_jobs="1")
     add("--out", type=Path, metavar="DIR", help=f"the data set ({DATASETS}/<task>)")
     add(
         "--seed",
-        type=_seed,
+        type=options.seed,
         metavar="N",
-        help="of the first trial, then one up (0; of a data set that is there: its own)",
+        help="seed of the first trial, then upwards (0; for a data set that exists, its own)",
     )
     add(
         "--max-trials",
-        type=_positive,
+        type=options.count,
         metavar="N",
-        help="give up after so many (20 + 4 x --episodes)",
+        help="give up after so many trials (20 + 4 x --episodes)",
     )
     add(
         "--accept-changes",
         action="store_true",
         help="go on with a data set that other code began; each episode says which code made it",
     )
-    add("--ray", metavar="ADDRESS", help="a Ray cluster: auto, HOST:PORT or ray://HOST:PORT")
-    _made_from(parser.add_argument_group("what an episode is made from"))
-    eyes = parser.add_argument_group("pictures")
-    eyes.add_argument("--width", type=int, default=400, metavar="N", help="pixels (400)")
-    eyes.add_argument("--height", type=int, default=300, metavar="N", help="pixels (300)")
-    eyes.add_argument("--quality", type=int, default=90, metavar="N", help="of JPEG, 1-100 (90)")
-    eyes.add_argument(
+    trial = parser.add_argument_group("settings of every trial")
+    options.add_trial_options(trial)
+    options.add_link_options(trial)
+    trial.add_argument("--keep-failures", action="store_true", help="keep episodes that failed too")
+    pictures = parser.add_argument_group("pictures")
+    pictures.add_argument("--width", type=int, default=400, metavar="N", help="[pixels] (400)")
+    pictures.add_argument("--height", type=int, default=300, metavar="N", help="[pixels] (300)")
+    pictures.add_argument(
+        "--quality", type=int, default=90, metavar="N", help="JPEG quality, 1 to 100 (90)"
+    )
+    pictures.add_argument(
         "--no-images",
         action="store_true",
-        help="none; they can be rendered later from the poses in the file",
+        help="make no pictures; they can be rendered later from the poses in the file",
     )
     look = parser.add_argument_group("look at a data set, instead of collecting")
     look.add_argument("--info", type=Path, metavar="DIR", help="trials, successes, failures, times")
     look.add_argument(
         "--sheet", type=Path, metavar="FILE.png", help="with --info: picture of an episode"
     )
-    look.add_argument("--episode", type=_seed, metavar="SEED", help="of which (the first)")
+    look.add_argument("--episode", type=options.seed, metavar="SEED", help="of which (the first)")
     look.add_argument(
         "--check",
         type=Path,
@@ -104,66 +102,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     look.add_argument(
         "--remake",
-        type=_seed,
+        type=options.seed,
         metavar="SEED",
         help="with --check: make that one again and compare the bytes",
     )
     look.add_argument(
         "--reindex", type=Path, metavar="DIR", help="write index.jsonl anew from the files"
     )
-
-
-def _made_from(group: "argparse._ArgumentGroup") -> None:
-    group.add_argument(
-        "--traits",
-        default="practised",
-        metavar="NAME",
-        help="of the operator: practised (standard), or steady, without tremor or aiming errors",
-    )
-    group.add_argument(
-        "--link",
-        action="append",
-        default=[],
-        metavar="NAME=SPEC",
-        help="injected "
-        "delay, as both=250ms (see: trill latency --help); replaces the task's own (hardware/: "
-        "command=paper); none: no delay",
-    )
-    group.add_argument(
-        "--torque-mode",
-        default="relaxed",
-        metavar="MODE",
-        help="torque limits: relaxed (standard) or rated, the real motors'",
-    )
-    group.add_argument(
-        "--pace", default="", help="of the gaits: fast, normal, slow, public (normal; rated: slow)"
-    )
-    group.add_argument(
-        "--raw-hands",
-        action="store_true",
-        help="the controller does not interpolate the hand set-points",
-    )
-    group.add_argument(
-        "--physics-steps",
-        type=int,
-        default=1,
-        metavar="N",
-        help="of 1 ms between "
-        "two looks at the bus, 1 to 5; 5 is faster, the robot hears commands later (1)",
-    )
-    group.add_argument("--keep-failures", action="store_true", help="keep their episodes, too")
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 1 up, got {text!r}")
-    return int(text)
-
-
-def _seed(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a seed from 0 up, got {text!r}")
-    return int(text)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -181,41 +126,31 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.check is None and arguments.remake is not None:
         raise ConfigError("--remake goes with --check DIR")
     if arguments.check is not None:
-        return check_files(arguments.check, arguments.remake)
+        return _check(arguments.check, arguments.remake)
     if arguments.info is not None:
-        return show_info(arguments.info, arguments.episode, arguments.sheet)
+        return _show(arguments.info, arguments.episode, arguments.sheet)
     if arguments.reindex is not None:
-        return reindex(arguments.reindex)
+        return _reindex(arguments.reindex)
     return _collect(arguments)
 
 
-def _recipe(arguments: argparse.Namespace) -> "EpisodeConfig":
-    from lab.demonstrations.collect.recipe import EpisodeConfig
+def _config(arguments: argparse.Namespace) -> "EpisodeConfig":
+    from lab.demonstrations.collect.config import EpisodeConfig
     from lab.trials.links import chosen_links
     from services.sim.errors import TaskError
-    from services.teleop.synthetic.traits import TRAITS
 
-    if arguments.traits not in TRAITS:
-        raise ConfigError(f"--traits: expected {' or '.join(TRAITS)}, got {arguments.traits!r}")
-    values: dict[str, Any] = {
-        name: getattr(arguments, name)
-        for name in ("task", "torque_mode", "pace", "raw_hands", "physics_steps", "keep_failures")
-    }
-    values["traits"] = TRAITS[arguments.traits]
+    values = options.trial_settings(arguments)
+    for name in ("task", "raw_hands", "keep_failures"):
+        values[name] = getattr(arguments, name)
     values["links"] = chosen_links(arguments.link)
-    eyes = {name: getattr(arguments, name) for name in ("width", "height", "quality")}
+    values["pictures"] = None
+    if not arguments.no_images:
+        names = ("width", "height", "quality")
+        values["pictures"] = {name: getattr(arguments, name) for name in names}
     try:
-        return EpisodeConfig.checked(values | {"eyes": None if arguments.no_images else eyes})
+        return EpisodeConfig.checked(values)
     except TaskError as error:
         raise ConfigError(str(error)) from error
-
-
-def _crew(arguments: argparse.Namespace, recipe: "EpisodeConfig") -> "Executor":
-    from lab.demonstrations.collect.executors import LocalExecutor, RayExecutor
-
-    if arguments.ray:
-        return RayExecutor(recipe, arguments.ray, arguments.jobs)
-    return LocalExecutor(recipe, arguments.jobs or 1)
 
 
 def _collect(arguments: argparse.Namespace) -> int:
@@ -224,31 +159,85 @@ def _collect(arguments: argparse.Namespace) -> int:
     from lab.demonstrations.collect.collect import collect
     from lab.demonstrations.collect.progress import Display, closing
     from lab.demonstrations.collect.store import Store
+    from lab.trials.executors import open_executor
 
-    recipe = _recipe(arguments)
-    root = arguments.out or DATASETS / recipe.task.replace("/", "-")
+    config = _config(arguments)
+    root = arguments.out or DATASETS / config.task.replace("/", "-")
     console, began = Console(stderr=True), monotonic()
     try:
         with Display(console) as display:
-            standing = collect(
-                recipe,
+            progress = collect(
+                config,
                 Store(root),
-                lambda: _crew(arguments, recipe),
+                lambda: open_executor(arguments.jobs, arguments.ray),
                 wanted=arguments.episodes,
                 first_seed=arguments.seed,
                 max_trials=arguments.max_trials or 20 + 4 * arguments.episodes,
                 accept_changes=arguments.accept_changes,
-                tell=display.tell,
-                say=display.say,
+                on_progress=display.update,
+                on_message=display.say,
             )
     except KeyboardInterrupt:
         text = f"\nended; what is done is in {root}: the same command goes on from there"
         console.print(text, markup=False, highlight=False, soft_wrap=True)
         raise
-    text = closing(standing, monotonic() - began)
+    text = closing(progress, monotonic() - began)
     console.print(text, markup=False, highlight=False, soft_wrap=True)
     print(root)
-    return 0 if standing.complete else 1
+    return 0 if progress.complete else 1
+
+
+def _show(root: Path, seed: int | None, sheet: Path | None) -> int:
+    """Print what is in a data set; draw the episode with this seed (None: the first)."""
+    from rich.console import Console
+
+    from lab.demonstrations.collect.info import show, write_sheet
+
+    console = Console()
+    show(root, console)
+    if sheet is not None:
+        drawn = write_sheet(root, seed, sheet)
+        console.print(f"{sheet}: the episode with seed {drawn}", markup=False)
+    return 0
+
+
+def _reindex(root: Path) -> int:
+    """Write the index anew from the files."""
+    from rich.console import Console
+
+    from lab.demonstrations.collect.store import Store
+    from lab.trials.progress import file_bar
+
+    store, console = Store(root), Console()
+    # Before a lock is left in a directory that is no data set.
+    store.config()
+    with store.locked(), file_bar(console, "reading", len(store.files())) as on_file:
+        lines = store.scan(on_file)
+        store.write_index(lines)
+    console.print(f"{root}: {len(lines)} trials in the index", markup=False, soft_wrap=True)
+    return 0
+
+
+def _check(root: Path, seed: int | None) -> int:
+    """Check every file, and make the episode with this seed again; 1 if anything is wrong."""
+    from rich.console import Console
+
+    from lab.demonstrations.collect.check import check, remake
+    from lab.demonstrations.collect.store import Store
+    from lab.trials.progress import file_bar
+
+    store, console = Store(root), Console()
+    files = store.files()
+    with file_bar(console, "checking", len(files)) as on_file:
+        wrong = check(store, on_file)
+    if seed is not None:
+        wrong += filter(None, [remake(store, seed)])
+    for text in wrong:
+        console.print(text, markup=False, highlight=False, soft_wrap=True)
+    again = "" if seed is None else f", seed {seed} made again"
+    text = f"{root}: {len(files)} trials read{again}; {len(wrong) or 'nothing'} wrong"
+    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    return 1 if wrong else 0
 
 
 COMMAND = Command(

@@ -22,7 +22,7 @@ EXAMPLES = """examples:
 """
 EXPORT = """Export one or several data sets of `trill collect` as one data set of another format,
 loadable by that project's own loader. Numbers are the collected ones as float32, unscaled; names
-of all columns go along; so do seed, verdict and that the operator was synthetic.
+of all columns go along; so do seed, verdict and who operated the robot.
 
 lerobot     a directory in format v3.0: observation.state (112 numbers: feet and hands, grippers,
             joints, controller state), action (18: hands, grippers, gait, neck),
@@ -124,7 +124,7 @@ def _export(arguments: argparse.Namespace) -> int:
     require(
         f"trill dataset export --format {arguments.format}",
         "lerobot" if lerobot else "collect",
-        *("cv2", "h5py", "mujoco", "pinocchio", "scipy"),
+        *("cv2", "h5py"),
         *(("av", "pyarrow") if lerobot else ()),
     )
     from lab.demonstrations.export.source import EpisodeSelection, choose
@@ -215,7 +215,7 @@ def _tell(source: "Source", out: Path, form: str) -> None:
     pictures = f"pictures {source.size[0]}x{source.size[1]}" if source.size else "no pictures"
     print(
         f"{len(source.episodes)} episodes of {', '.join(source.tasks)}: {source.frames} frames, "
-        f"{pictures}, {size * 1e-6:.1f} MB (synthetic operator)"
+        f"{pictures}, {size * 1e-6:.1f} MB, by {', '.join(source.operators)} operator"
     )
     print(f"to load it: {_LOADED[form].format(name=out.name, out=out)}")
     print(out)

@@ -9,6 +9,7 @@ from common.errors import ConfigError
 from deploy.extras import require
 from lab.cli import study_human
 from lab.cli.commands import Command, run_chosen
+from lab.trials import options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -69,9 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _latency_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--episodes", type=_number, default=25, help="seeds in each condition of each task (25)"
+        "--episodes",
+        type=options.seed,
+        default=25,
+        help="seeds in each condition of each task (25)",
     )
-    parser.add_argument("--jobs", type=_positive, help="trials at a time (one a processor)")
+    options.add_executor_options(parser, default_jobs="one for each processor")
     parser.add_argument("--out", type=Path, default=ROOT, help=f"directory ({ROOT})")
     parser.add_argument(
         "--report", type=Path, metavar="DIR", help="only write tables and figure of DIR anew"
@@ -92,44 +96,22 @@ def _latency_options(parser: argparse.ArgumentParser) -> None:
         help="raw, interpolation, latency-250, latency-500 (standard: these four), or one of your "
         "own, NAME=LINK=SPEC,LINK=SPEC[,raw] or NAME=none; may be given again",
     )
-    same = parser.add_argument_group("the same in every trial")
-    same.add_argument("--seed", type=int, default=0, help="of the first episode, then upwards (0)")
-    same.add_argument("--traits", default="practised", help="of the operator: practised, steady")
-    same.add_argument("--torque-mode", default="relaxed", help="relaxed (standard) or rated")
-    same.add_argument("--pace", default="", help="of the gaits: fast, normal, slow, public")
+    same = parser.add_argument_group("settings of every trial")
     same.add_argument(
-        "--physics-steps", type=int, default=1, help="per step of the plant, 1 to 5 (1)"
+        "--seed", type=options.seed, default=0, help="seed of the first trial, then upwards (0)"
     )
-
-
-def _number(text: str) -> int:
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a number from 0 up, got {text!r}")
-    return int(text)
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 1 up, got {text!r}")
-    return int(text)
+    options.add_trial_options(same)
 
 
 def _plan(arguments: argparse.Namespace) -> "Plan":
     from lab.studies.latency.conditions import chosen
     from lab.studies.latency.plan import DEFAULT_TASKS, Plan
     from services.sim.errors import TaskError
-    from services.teleop.synthetic.traits import TRAITS
 
-    if arguments.traits not in TRAITS:
-        raise ConfigError(f"--traits: expected {' or '.join(TRAITS)}, got {arguments.traits!r}")
-    values = {
+    values = options.trial_settings(arguments) | {
         "tasks": tuple(arguments.tasks or DEFAULT_TASKS),
         "conditions": chosen(arguments.condition, arguments.direction),
         "first_seed": arguments.seed,
-        "traits": TRAITS[arguments.traits],
-        "torque_mode": arguments.torque_mode,
-        "pace": arguments.pace,
-        "physics_steps": arguments.physics_steps,
     }
     try:
         return Plan.checked(values)
@@ -165,18 +147,18 @@ def _latency(arguments: argparse.Namespace) -> int:
 def _run(arguments: argparse.Namespace, store: "Store", console: "Console") -> None:
     from lab.studies.latency.progress import Display
     from lab.studies.latency.run import run_study
-    from lab.trials.workers import Workers
+    from lab.trials.executors import open_executor
 
     jobs = arguments.jobs or len(os.sched_getaffinity(0))
     with Display(console) as display:
         run_study(
             _plan(arguments),
             store,
-            lambda: Workers(jobs),
+            lambda: open_executor(arguments.jobs, arguments.ray, jobs),
             episodes=arguments.episodes,
             jobs=jobs,
-            tell=display.tell,
-            say=display.say,
+            on_progress=display.update,
+            on_message=display.say,
         )
 
 

@@ -8,11 +8,6 @@ from services.sim.tasks import find_task
 
 NONE = "none"
 """As an option: no delay at all, not even the task's own."""
-HELP = (
-    "delay a link: command, feedback, both or a topic, e.g. both=250ms; these replace the task's "
-    f"own link, and '{NONE}' switches it off"
-)
-"""Of the option ``--link``."""
 
 
 def chosen_links(options: Sequence[str]) -> dict[str, str] | None:

@@ -1,5 +1,7 @@
-"""How far a long run is: a bar on a terminal, lines anywhere else."""
+"""Shows the progress of long work: a bar on a terminal, lines anywhere else."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
@@ -8,7 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 
 def duration(seconds: float) -> str:
-    """``3:07`` or ``1:02:03``."""
+    """Return a time as ``3:07`` or ``1:02:03``."""
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{rest:02d}" if hours else f"{minutes}:{rest:02d}"
@@ -52,3 +54,11 @@ class Bar:
     def say(self, text: str) -> None:
         """Print a line, above the bar if there is one."""
         self.console.print(text, markup=False, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def file_bar(console: Console, name: str, total: int) -> Iterator[Callable[[], None]]:
+    """Show a bar, gone at the end, while files are read; yields what to call after each file."""
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        row = progress.add_task(name, total=total)
+        yield lambda: progress.advance(row)

@@ -1,19 +1,25 @@
-"""Which code it is: a digest of the modules that decide what a trial comes to, and versions."""
+"""Identifies the code behind a result: a digest of the modules that decide it, and versions."""
 
 import ast
 import hashlib
+import platform
 import subprocess
 from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Self
+
+from pydantic import BaseModel, ConfigDict
+
+from lab.errors import LabError
 
 ROOT = Path(__file__).resolve().parents[2]
 _WALKED = ("services.sim.tasks",)
 """Packages whose modules are found by walking, not by an import statement."""
 _DATA = {".xml", ".json", ".toml", ".npy", ".npz", ".stl", ".obj", ".png"}
-_PATIENCE = 10.0
+_TIMEOUT = 10.0
 PHYSICS = ("mujoco", "pin", "osqp", "daqp", "scipy", "numpy")
 """Packages whose versions can change what the robot does."""
 
@@ -25,7 +31,7 @@ def _file(module: str) -> Path | None:
 
 
 def _imported(path: Path) -> set[str]:
-    """Every name that an import statement in ``path`` may mean as a module."""
+    """Return every name in ``path`` by which an import statement may mean a module."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):
@@ -37,7 +43,7 @@ def _imported(path: Path) -> set[str]:
 
 
 def closure(*roots: str) -> dict[str, Path]:
-    """Modules of this project that ``roots`` import, directly or not, with their files."""
+    """Return the modules of this project that ``roots`` import, however indirectly, by name."""
     todo = list(roots)
     for package in _WALKED:
         folder = ROOT.joinpath(*package.split("."))
@@ -59,9 +65,10 @@ def closure(*roots: str) -> dict[str, Path]:
 
 @cache
 def digest(root: str) -> str:
-    """SHA-256 over the files of :func:`closure` and the data beside them, the same everywhere.
+    """Return the SHA-256 of the files of :func:`closure` and the data beside them.
 
-    Line ends do not count, nor where the project lies, nor any of its other modules.
+    It is the same everywhere: neither line ends nor the place of the project count, nor any of
+    its other modules.
     """
     modules = set(closure(root).values())
     data = {
@@ -79,8 +86,60 @@ def digest(root: str) -> str:
     return total.hexdigest()
 
 
+class CodeVersion(BaseModel):
+    """Identifies the code that runs trials.
+
+    Attributes:
+        source: digest of this project's modules that decide what a trial comes to.
+        versions: versions of the packages that do.
+        revision: revision of the repository, for people: no comparison uses it, since many
+            revisions have the same source.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    source: str
+    versions: dict[str, str]
+    revision: str = ""
+
+    def differences(self, other: Self) -> list[str]:
+        """Return ``name: this | other`` for each part that differs and can change a trial."""
+        found = []
+        if self.source != other.source:
+            named = [f"{b.source[:12]} {b.revision}".strip() for b in (self, other)]
+            found.append(f"source: {named[0]} | {named[1]}")
+        packages = sorted({*self.versions, *other.versions})
+        return found + [
+            f"{name}: {self.versions.get(name, 'none')} | {other.versions.get(name, 'none')}"
+            for name in packages
+            if self.versions.get(name) != other.versions.get(name)
+        ]
+
+    def check(self, running: Self) -> None:
+        """Refuse to run a trial by other code than the campaign's.
+
+        Files may have been edited meanwhile, or a cluster's node may have another version.
+
+        Raises:
+            LabError: ``running`` differs from this version.
+        """
+        if changes := self.differences(running):
+            raise LabError(
+                "a worker runs other code than the campaign; undo edits made meanwhile, or bring "
+                "all nodes to the same version, and give the same command again. Campaign | "
+                "worker:\n  " + "\n  ".join(changes)
+            )
+
+
+@cache
+def code_version(module: str, packages: tuple[str, ...] = PHYSICS) -> CodeVersion:
+    """Return the version of the code that ``module`` imports, and of ``packages`` and Python."""
+    versions = {"python": platform.python_version()} | package_versions(packages)
+    return CodeVersion(source=digest(module), versions=versions, revision=revision())
+
+
 def package_versions(packages: Sequence[str]) -> dict[str, str]:
-    """Version of each of ``packages`` that is installed."""
+    """Return the version of each of ``packages`` that is installed."""
     found = {}
     for package in packages:
         with suppress(PackageNotFoundError):
@@ -90,7 +149,7 @@ def package_versions(packages: Sequence[str]) -> dict[str, str]:
 
 @cache
 def revision() -> str:
-    """Git's name of what is checked out, ``-dirty`` if changed since; empty: no clone of ours."""
+    """Return the revision that is checked out, ``-dirty`` if changed; empty outside of a clone."""
     try:
         if Path(_git("rev-parse", "--show-toplevel")).resolve() != ROOT:
             return ""
@@ -105,6 +164,6 @@ def _git(*arguments: str) -> str:
         capture_output=True,
         text=True,
         check=True,
-        timeout=_PATIENCE,
+        timeout=_TIMEOUT,
     )
     return done.stdout.strip()

@@ -1,110 +1,51 @@
-"""Plant, controller and synthetic operator with one task, in one simulated-time runner."""
+"""Hosts plant, controller and synthetic operator with one task in simulated time."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 from time import perf_counter
-from typing import Literal
 
 from common.plant.config import TorqueMode
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import TaskStatus, TaskVerdict
 from common.topics import TASK_STATUS
 from lab.trials.links import links_used
+from lab.trials.spec import TrialResult, TrialSpec
 from services.sim.config import SimConfig
 from services.sim.service import PlantService
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
-from services.teleop.synthetic.traits import OperatorTraits
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
 
-AFTER = 0.5
-"""Run on after the verdict [s]."""
-
-
-@dataclass(frozen=True)
-class TrialSpec:
-    """One trial.
-
-    Attributes:
-        task: for instance ``door/unlock``.
-        seed: of start, noise, links and operator alike.
-        traits: of the operator.
-        links: delays by name, for instance ``{"both": "250ms"}``; none beside them. None: the
-            task's own.
-        mode: torque limits of plant and controller.
-        pace: of the gaits, as in :func:`services.wbc.config.wbc_config`.
-        raw_hands: no interpolation of the hand set-points.
-        physics_steps: physics steps a step of the plant's service; more is faster.
-    """
-
-    task: str
-    seed: int
-    traits: OperatorTraits = field(default_factory=OperatorTraits)
-    links: Mapping[str, str] | None = None
-    mode: Literal["relaxed", "rated"] = "relaxed"
-    pace: str = ""
-    raw_hands: bool = False
-    physics_steps: int = 1
-
-
-@dataclass(frozen=True)
-class TrialResult:
-    """What became of a trial.
-
-    Attributes:
-        task: its name.
-        seed: of the trial.
-        verdict: of the task's judge.
-        time: until the verdict [s].
-        reason: the judge's.
-        gave_up: why the operator ended early; empty: it did not.
-        doing: what the operator was doing at the end.
-        stages: names of the stages done.
-        simulated: robot time run in all [s].
-        wall: time it took [s].
-        links: delays it ran under.
-    """
-
-    task: str
-    seed: int
-    verdict: str
-    time: float
-    reason: str
-    gave_up: str
-    doing: str
-    stages: tuple[str, ...]
-    simulated: float
-    wall: float
-    links: Mapping[str, str] = field(default_factory=dict)
+SECONDS_AFTER_VERDICT = 0.5
+"""A trial runs on for so long after its verdict [s]."""
 
 
 class TaskStack:
-    """A trial under way.
+    """One trial, from its start until its verdict.
 
     Attributes:
-        spec: as given.
+        spec: the trial.
         plant: the plant's service.
-        operator: the synthetic operator.
-        links: the delays it runs under.
-        runner: hosts them.
-        status: last status of the task.
+        wbc: the controller's service.
+        operator: the synthetic operator's service.
+        links: the delays under which the trial runs.
+        runner: hosts the services.
+        status: the task's last status; None before the first.
     """
 
     def __init__(
         self, spec: TrialSpec, *, record: bool = False, journal: bool | None = None
     ) -> None:
-        """Set the stage; ``record`` and ``journal`` as the runner has them."""
+        """Build the services; ``record`` and ``journal`` are options of the runner."""
         self.spec = spec
         self.plant = PlantService(
             SimConfig(
                 task=spec.task,
                 seed=spec.seed,
-                torque_mode=TorqueMode(spec.mode),
+                torque_mode=TorqueMode(spec.torque_mode),
                 physics_steps=spec.physics_steps,
             )
         )
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}
-        self.wbc = WbcService(wbc_config(spec.mode, spec.pace, **overrides))
+        self.wbc = WbcService(wbc_config(spec.torque_mode, spec.pace, **overrides))
         self.operator = SyntheticOperator(
             SyntheticConfig(task=spec.task, seed=spec.seed, traits=spec.traits, stay=True)
         )
@@ -117,22 +58,22 @@ class TaskStack:
             journal=journal,
         )
         self.status: TaskStatus | None = None
-        self.runner.on_message(TASK_STATUS, self._hear)
+        self.runner.on_message(TASK_STATUS, self._on_status)
 
-    def _hear(self, status: TaskStatus) -> None:
+    def _on_status(self, status: TaskStatus) -> None:
         self.status = status
 
     @property
     def over(self) -> bool:
-        """Whether the judge has spoken."""
+        """Whether the judge has given its verdict."""
         return self.status is not None and self.status.verdict is not TaskVerdict.RUNNING
 
     def run(self) -> TrialResult:
-        """Run until the verdict; the time limit of the task ends it in any case."""
+        """Run until the verdict; the time limit of the task ends the trial in any case."""
         began = perf_counter()
         while not self.over:
             self.runner.run_for(0.1)
-        self.runner.run_for(AFTER)
+        self.runner.run_for(SECONDS_AFTER_VERDICT)
         assert self.status is not None
         person = self.operator.person
         return TrialResult(

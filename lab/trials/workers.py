@@ -1,4 +1,4 @@
-"""Processes that work for a study: fresh interpreters, a thread each, gone with their parent."""
+"""Worker processes of this machine: fresh interpreters, tied to their parent."""
 
 import contextlib
 import os
@@ -15,35 +15,37 @@ from typing import Any, Protocol, TypeVar
 
 T = TypeVar("T")
 
-ENVIRONMENT = dict.fromkeys(
+WORKER_ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
 )
-"""One thread a worker: the parallelism is in the trials, and sums come out the same anywhere."""
+"""One thread for each worker: trials run in parallel, and sums come out the same anywhere."""
 
-_LONGEST_LOOK = 1.0
+_LONGEST_INTERVAL = 1.0
+"""Between two looks at a worker at most so much counts as its silence [s]."""
 _GRACE = 3.0
-"""For a worker to end by itself [s]."""
+"""A worker gets so long to end by itself [s]."""
 
 
 class Stop(Protocol):
-    """Tells that an end is wanted; an event of threading or multiprocessing."""
+    """Requests that work ends; an event of threading or multiprocessing has this interface."""
 
     def is_set(self) -> bool:
-        """Whether it is."""
+        """Whether the end is requested."""
         ...
 
 
-class _Sign:
-    """Tells a worker that an end is wanted; that it asks tells its parent that it is alive.
+class _SharedStop:
+    """Requests in a worker that it ends; each question counts as a sign of life for the parent.
 
-    Plain shared numbers: with a lock, a worker killed while it holds it would stop all the others.
+    It uses plain shared numbers: if it had a lock, a worker killed while holding it would stop all
+    the others.
     """
 
     def __init__(self, end: Any, beats: Any) -> None:
         self._end, self._beats = end, beats
 
     def is_set(self) -> bool:
-        """Whether it is."""
+        """Whether the end is requested."""
         self._beats.value += 1
         return bool(self._end.value)
 
@@ -52,24 +54,24 @@ _stop: Stop = threading.Event()
 
 
 def stop_wanted() -> bool:
-    """Whether what this process works at is to be given up; a worker asks often."""
+    """Whether this process should give its work up; work asks often."""
     return _stop.is_set()
 
 
-def the_stop() -> Stop:
-    """What :func:`stop_wanted` asks."""
+def stop_request() -> Stop:
+    """Return the request that :func:`stop_wanted` asks."""
     return _stop
 
 
 def _prepare(end: Any, beats: Any) -> None:
-    """A worker begins; it never outlives its parent."""
+    """Set a new worker up; it never outlives its parent."""
     global _stop  # noqa: PLW0603
-    _stop = _Sign(end, beats)
+    _stop = _SharedStop(end, beats)
     threading.Thread(target=_follow_parent, daemon=True).start()
 
 
 def _follow_parent() -> None:
-    # A pool's workers wait for work for ever if their parent is killed.
+    # A pool's workers would wait for work for ever if their parent is killed.
     parent = parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])
@@ -77,14 +79,14 @@ def _follow_parent() -> None:
 
 
 @contextlib.contextmanager
-def surroundings() -> Iterator[None]:
-    """What new processes are to find: few threads, and Ctrl-C blocked, their parent's business."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
+def worker_environment() -> Iterator[None]:
+    """Spawn environment: one BLAS thread for each worker, SIGINT handled by the parent alone."""
+    before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
+    os.environ.update(WORKER_ENVIRONMENT)
     # Inherited from the first moment on; a handler of theirs would come too late.
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     # A thread of a library may take the signal all the same, and Python's handler then interrupts
-    # this one: between a worker's start and what it is told, it would die with a traceback.
+    # this one: between its start and its first work, a worker would die with a traceback.
     held: list[int] = []
     usual = signal.getsignal(signal.SIGINT)
     ours = usual is not None and threading.current_thread() is threading.main_thread()
@@ -106,7 +108,7 @@ def surroundings() -> Iterator[None]:
 
 
 class _Worker:
-    """One process, begun with its first work; a pool of its own, so that it is lost alone."""
+    """One process, started with its first work, in a pool of its own so that it is lost alone."""
 
     def __init__(self, context: SpawnContext, end: Any) -> None:
         self._beats: Any = context.Value("Q", 0, lock=False)
@@ -116,24 +118,24 @@ class _Worker:
         self._futures: list[Future[Any]] = []
         self._process: BaseProcess | None = None
         self._seen, self._looked = -1, 0.0
-        self.quiet = 0.0
-        self.told = False
+        self.silence = 0.0
+        self.reported = False
 
     @property
     def pending(self) -> int:
-        """How much it has to do."""
+        """Number of functions that it has not finished."""
         self._futures = [future for future in self._futures if not future.done()]
         return len(self._futures)
 
     @property
     def pid(self) -> int:
-        """Of its process; 0: not begun."""
+        """Its process id; 0: not started."""
         return (self._process.pid or 0) if self._process is not None else 0
 
     def submit(self, work: Callable[..., T], arguments: tuple[object, ...]) -> "Future[T]":
-        """Give it work; may raise BrokenProcessPool if it has just gone."""
+        """Start work in it; raises BrokenProcessPool if it has just died."""
         before = set(active_children())
-        with surroundings():
+        with worker_environment():
             future = self._pool.submit(work, *arguments)
         if self._process is None:
             self._process = next(iter(set(active_children()) - before), None)
@@ -141,51 +143,51 @@ class _Worker:
         return future
 
     def look(self) -> None:
-        """Count the time without a sign of life while it has work.
+        """Measure how long it has shown no sign of life while it has work.
 
-        In this process's own steps: if it was itself stopped or the machine slept, that is no
-        silence of the worker's.
+        Only short intervals count: if this process was itself stopped, or the machine slept, the
+        worker is not to blame.
         """
         now, beats = monotonic(), self._beats.value
         if beats != self._seen or not self.pending:
-            self._seen, self.quiet, self.told = beats, 0.0, False
+            self._seen, self.silence, self.reported = beats, 0.0, False
         else:
-            self.quiet += min(now - self._looked, _LONGEST_LOOK)
+            self.silence += min(now - self._looked, _LONGEST_INTERVAL)
         self._looked = now
 
     def kill(self) -> None:
-        """At once, stopped or not."""
+        """Kill it, also if it is stopped."""
         if self._process is not None:
             self._process.kill()
 
     def end(self) -> None:
-        """Take no more."""
+        """Accept no more work."""
         self._pool.shutdown(wait=False, cancel_futures=True)
 
     def wait(self, seconds: float) -> bool:
-        """Whether it is gone within so long."""
+        """Wait for its end; returns whether it came within ``seconds``."""
         return self._process is None or bool(connection.wait([self._process.sentinel], seconds))
 
 
-class Workers:
-    """Processes of this machine, also when it is only one: all work in the same surroundings.
+class LocalExecutor:
+    """Runs functions in processes of this machine, all in the same environment.
 
-    One that dies loses only what it was at; another takes its place at the next :meth:`submit`.
+    A worker that dies loses only its own work; another takes its place at the next :meth:`submit`.
 
     Attributes:
-        size: how many.
-        lost: what a future raises when its worker is gone.
+        size: number of workers.
+        lost: exceptions that a future raises when its worker is gone.
     """
 
     lost: tuple[type[Exception], ...] = (BrokenProcessPool,)
 
     def __init__(self, jobs: int, *, silence: float = 60.0, patience: float = 300.0) -> None:
-        """Prepare; no process begins before there is work.
+        """Prepare the workers; no process starts before there is work.
 
         Args:
-            jobs: how many processes.
-            silence: a worker that does not ask :func:`stop_wanted` for so long is told [s].
-            patience: and for so long, killed [s].
+            jobs: number of processes.
+            silence: a worker that does not ask :func:`stop_wanted` for so long is reported [s].
+            patience: a worker that does not ask for so long is killed [s].
         """
         self.size = jobs
         self._silence, self._patience = silence, patience
@@ -197,43 +199,45 @@ class Workers:
     def _new(self) -> _Worker:
         return _Worker(self._context, self._end)
 
-    def submit(self, work: Callable[..., T], *arguments: object) -> "Future[T]":
-        """Have a function of a module called with ``arguments``."""
-        place = min(range(self.size), key=lambda i: self._workers[i].pending)
+    def submit(self, work: Callable[..., T], /, *arguments: object) -> "Future[T]":
+        """Start ``work(*arguments)`` in the worker that has the least to do."""
+        index = min(range(self.size), key=lambda i: self._workers[i].pending)
         try:
-            return self._workers[place].submit(work, arguments)
+            return self._workers[index].submit(work, arguments)
         except BrokenProcessPool:
-            self._replace(place)
-            return self._workers[place].submit(work, arguments)
+            self._replace(index)
+            return self._workers[index].submit(work, arguments)
 
-    def _replace(self, place: int) -> None:
-        self._workers[place].end()
-        self._workers[place] = self._new()
+    def _replace(self, index: int) -> None:
+        self._workers[index].end()
+        self._workers[index] = self._new()
 
     def watch(self) -> list[str]:
-        """Look for workers that give no sign; to be called about twice a second.
+        """Check for workers that show no sign of life; to be called about twice a second.
 
         Returns:
-            what a person should hear, once for each.
+            messages for the user, each once.
         """
-        news = []
+        messages = []
         for worker in self._workers:
             worker.look()
-            if worker.quiet > self._patience:
-                news.append(f"worker {worker.pid}: no sign for {worker.quiet:.0f} s; killed")
-                worker.kill()
-                worker.quiet = 0.0
-            elif worker.quiet > self._silence and not worker.told:
-                worker.told = True
-                news.append(
-                    f"worker {worker.pid}: no sign for {worker.quiet:.0f} s. Is it stopped (go on: "
-                    f"kill -CONT {worker.pid}), is memory short? It is replaced after "
-                    f"{self._patience:.0f} s"
+            if worker.silence > self._patience:
+                messages.append(
+                    f"worker {worker.pid} was silent for {worker.silence:.0f} s and was killed"
                 )
-        return news
+                worker.kill()
+                worker.silence = 0.0
+            elif worker.silence > self._silence and not worker.reported:
+                worker.reported = True
+                messages.append(
+                    f"worker {worker.pid} has been silent for {worker.silence:.0f} s. Is it "
+                    f"stopped (to go on: kill -CONT {worker.pid})? Is memory short? It is "
+                    f"replaced after {self._patience:.0f} s"
+                )
+        return messages
 
     def end(self) -> None:
-        """Give up what is under way: who does not end within a moment is killed."""
+        """Cancel all work; a worker that does not end within a moment is killed."""
         self._end.value = 1
         for worker in self._workers:
             worker.end()

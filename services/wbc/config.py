@@ -16,39 +16,41 @@ class _Config(BaseModel):
 
 
 class Gains(_Config):
-    """Task-space PD gains: stiffness [1/s²] and damping [1/s]."""
+    """PD gains: of a task [1/s², 1/s], of a motor [N·m/rad, N·m·s/rad]."""
 
-    kp: float = Field(ge=0.0)
-    kd: float = Field(ge=0.0)
+    kp: float = Field(ge=0.0, description="stiffness")
+    kd: float = Field(ge=0.0, description="damping")
 
 
 class TaskConfig(_Config):
     """Weights and gains of the tasks in the QP's cost."""
 
-    com_weight: float = 20.0
+    com_weight: float = Field(default=20.0, description="of the CoM task")
     com_horizontal: Gains = Gains(kp=60.0, kd=13.0)
     com_vertical: Gains = Gains(kp=100.0, kd=20.0)
-    torso_weight: float = 40.0
+    torso_weight: float = Field(default=40.0, description="of the torso's orientation")
     torso: Gains = Gains(kp=100.0, kd=20.0)
     hand_position: Gains = Gains(kp=200.0, kd=28.0)
     hand_rotation: Gains = Gains(kp=150.0, kd=24.0)
     hand_weight_balancing: float = Field(
         default=20.0, description="raised while balancing, as the paper says; not in its code"
     )
-    hand_weight_walking: float = 10.0
+    hand_weight_walking: float = Field(default=10.0, description="of a hand's position")
     hand_rotation_share: float = Field(default=0.5, description="rotation weight / position weight")
     hand_weight_ramp: float = Field(default=0.5, gt=0.0, description="time from one to other [s]")
-    foot_weight_stance: float = 60.0
-    foot_weight_swing: float = 40.0
+    foot_weight_stance: float = Field(default=60.0, description="of a foot on the ground")
+    foot_weight_swing: float = Field(default=40.0, description="of a foot in the air")
     foot: Gains = Gains(kp=300.0, kd=30.0)
-    posture_weight: float = 0.02
+    posture_weight: float = Field(default=0.02, description="of the arms' joint posture")
     posture_shoulder: Gains = Gains(kp=50.0, kd=20.0)
     posture_elbow: Gains = Gains(kp=25.0, kd=12.0)
     posture_wrist: Gains = Gains(kp=20.0, kd=8.0)
-    neck_weight: float = 1.0
+    neck_weight: float = Field(default=1.0, description="of the neck joint")
     neck: Gains = Gains(kp=100.0, kd=20.0)
-    acceleration_regulariser: float = 1e-4
-    force_regulariser: float = 1e-6
+    acceleration_regulariser: float = Field(
+        default=1e-4, description="weight of all joint accelerations"
+    )
+    force_regulariser: float = Field(default=1e-6, description="weight of the reaction forces")
     force_reference_weight: float = Field(
         default=1e-6, description="pull of the reaction forces towards the planned share of weight"
     )
@@ -70,7 +72,9 @@ class ContactConfig(_Config):
 class LimitConfig(_Config):
     """Bounds inside the QP."""
 
-    torque_mode: Literal["relaxed", "rated"] = "relaxed"
+    torque_mode: Literal["relaxed", "rated"] = Field(
+        default="relaxed", description="motor torque limits; the plant's must be the same"
+    )
     acceleration_max: float = Field(default=600.0, gt=0.0, description="any joint [rad/s²]")
     joint_margin: float = Field(default=0.03, ge=0.0, description="kept from arm limits [rad]")
     joint_stiffness: float = Field(default=400.0, description="of the arm limit barrier [1/s²]")
@@ -136,7 +140,9 @@ PACES: dict[str, dict[str, float]] = {
 class HandConfig(_Config):
     """How hand set-points become references."""
 
-    mode: Literal["interpolate", "raw"] = "interpolate"
+    mode: Literal["interpolate", "raw"] = Field(
+        default="interpolate", description="raw: jump to each set-point"
+    )
     setpoint_period: float = Field(default=0.05, gt=0.0, description="between set-points [s]")
     speed_max: float = Field(default=1.0, gt=0.0, description="of the reference [m/s]")
     turn_rate_max: float = Field(default=4.0, gt=0.0, description="of the reference [rad/s]")
@@ -186,7 +192,7 @@ class WbcConfig(_Config):
     """Everything about the controller."""
 
     rate: float = Field(default=100.0, ge=20.0, le=1000.0, description="[Hz]")
-    solver: Literal["osqp", "daqp", "quadprog"] = "osqp"
+    solver: Literal["osqp", "daqp", "quadprog"] = Field(default="osqp", description="of the QP")
     tasks: TaskConfig = TaskConfig()
     contact: ContactConfig = ContactConfig()
     limits: LimitConfig = LimitConfig()

@@ -292,7 +292,8 @@ def test_the_build_context_has_what_the_package_is_made_of_and_little_else() -> 
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text())
     packages = wheel["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     kept = {rule[1:] for rule in rules if rule.startswith("!")}
-    assert kept == {*packages, "pyproject.toml", wheel["project"]["readme"]}
+    project = wheel["project"]
+    assert kept == {*packages, "pyproject.toml", project["readme"], *project["license-files"]}
     # The dependencies' stage makes empty packages of the same names.
     assert any(
         f"for name in {' '.join(sorted(packages))};" in line for line in image("router").lines

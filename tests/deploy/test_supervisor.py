@@ -193,9 +193,10 @@ def test_nothing_outlives_the_supervisor(
 import sys, time
 from pathlib import Path
 from deploy.process import ProcessSpec, tail, terminated_as_interrupted
-from deploy.supervisor import Ladder, Supervisor
+from deploy.supervisor import SignalEscalation, Supervisor
 specs = [ProcessSpec(name, name) for name in {fakes!r}]
-supervisor = Supervisor(specs, Path({str(tmp_path / "logs")!r}), ladder=Ladder(0.5, 0.5, 2.0))
+ladder = SignalEscalation(0.5, 0.5, 2.0)
+supervisor = Supervisor(specs, Path({str(tmp_path / "logs")!r}), ladder=ladder)
 with terminated_as_interrupted(), supervisor:
     while not all(tail(supervisor.log_path(spec.name)) for spec in specs):
         time.sleep(0.02)

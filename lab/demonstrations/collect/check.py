@@ -5,37 +5,33 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from common.episodes.columns import COLUMNS, EYES, Column
-from common.episodes.episode_file import RATE, Episode, open_episode
+from common.episodes.columns import CAMERAS, COLUMNS, Column
+from common.episodes.episode_file import PERIOD_NS, Episode, open_episode
 from common.episodes.errors import EpisodeError
+from common.episodes.folder import DAMAGED, IndexLine
 from common.errors import TrillError
-from lab.demonstrations.collect.dataset import Build
+from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.store import DAMAGED, IndexLine, Store
+from lab.demonstrations.collect.store import Store
+from lab.trials.provenance import CodeVersion
 
 _UNIT = 1e-6
 """A quaternion's norm is one within this."""
-_PERIOD = 1_000_000_000 // RATE
-_PHYSICS_STEP = 1_000_000
-"""Both in ns."""
 
 
-def check(store: Store, each: Callable[[], None] = lambda: None) -> list[str]:
+def check(store: Store, on_file: Callable[[], None] = lambda: None) -> list[str]:
     """Everything that is wrong, ``file: what``; empty if nothing is.
 
     Args:
         store: the data set.
-        each: called after each file.
+        on_file: called after each file.
 
     Raises:
         EpisodeError: there is no data set.
     """
-    recipe = store.recipe()
-    if recipe is None:
-        raise EpisodeError(f"no data set in {store.root}: see trill collect --help")
+    config = store.config()
     found: list[str] = []
     lines: dict[str, IndexLine] = {}
     for path in store.files():
@@ -43,15 +39,15 @@ def check(store: Store, each: Callable[[], None] = lambda: None) -> list[str]:
         try:
             line = store.read(path)
             lines[name] = line
-            problems = [*_trial(line), *(_episode(path) if line.kept else ())]
-            if line.meta.recipe != recipe:
-                problems.append("of another recipe than dataset.json")
+            problems = [*_trial(line, config), *(_episode(path) if line.kept else ())]
+            if line.meta.origin != config.origin():
+                problems.append("made with other settings than those in dataset.json")
         except TrillError as error:
             problems = [str(error)]
         except DAMAGED as error:
             problems = [f"damaged: {error}"]
         found += [f"{name}: {problem}" for problem in problems]
-        each()
+        on_file()
     seeds = [line.meta.seed for line in lines.values()]
     found += [
         f"seed {seed} is there twice" for seed in sorted({s for s in seeds if seeds.count(s) > 1})
@@ -59,11 +55,11 @@ def check(store: Store, each: Callable[[], None] = lambda: None) -> list[str]:
     return found + list(_index(store, lines))
 
 
-def _trial(line: IndexLine) -> Iterator[str]:
+def _trial(line: IndexLine, config: EpisodeConfig) -> Iterator[str]:
     meta = line.meta
     if not line.kept and meta.success:
         yield "a success that was not kept"
-    if line.kept and not meta.success and not meta.recipe.keep_failures:
+    if line.kept and not meta.success and not config.keep_failures:
         yield f"kept, but its verdict is {meta.verdict}"
     if line.kept and not meta.source:
         yield "does not say which code made it"
@@ -98,11 +94,11 @@ def _episode(path: Path) -> Iterator[str]:
                 arrays[column.path] = values
         meta = episode.meta
         yield from _quaternions(arrays)
-        yield from _time(arrays, meta.recipe.physics_steps)
+        yield from _time(arrays, round(meta.frame_tolerance * 1e9))
         if meta.success and not 0 <= meta.verdict_frame <= meta.frames:
             yield f"a success whose verdict came in frame {meta.verdict_frame} of {meta.frames}"
-        if episode.has_pictures != (meta.recipe.eyes is not None):
-            yield f"has {'' if episode.has_pictures else 'no '}pictures, against its recipe"
+        if episode.has_pictures != (meta.picture_size is not None):
+            yield f"has {'' if episode.has_pictures else 'no '}pictures, against its metadata"
         elif episode.has_pictures:
             yield from _pictures(episode)
 
@@ -141,21 +137,18 @@ def _quaternions(arrays: dict[str, Any]) -> Iterator[str]:
             yield f"{path}: a quaternion that is not of unit length in frame {wrong[0][0]}"
 
 
-def _time(arrays: dict[str, Any], physics_steps: int) -> Iterator[str]:
+def _time(arrays: dict[str, Any], tolerance_ns: int) -> Iterator[str]:
     now = arrays.get("time/robot_ns")
     if now is None:
         return
-    # Robot time goes in these steps, which need not fit into the frames' period.
-    step = physics_steps * _PHYSICS_STEP
-    slack = step if _PERIOD % step else 0
-    uneven = np.flatnonzero(np.abs(np.diff(now) - _PERIOD) > slack)
+    uneven = np.flatnonzero(np.abs(np.diff(now) - PERIOD_NS) > tolerance_ns)
     if len(uneven):
         at = int(uneven[0])
         yield (
             f"time/robot_ns: {(now[at + 1] - now[at]) * 1e-6:.3f} ms from frame {at} to {at + 1}, "
-            f"expected {_PERIOD * 1e-6:g}"
+            f"expected {PERIOD_NS * 1e-6:g}"
         )
-    for name in ("state", "controller", "truth", "seen"):
+    for name in ("state", "controller", "picture", "truth", "seen"):
         stamps = arrays.get(f"time/{name}_ns")
         if stamps is None:
             continue
@@ -167,22 +160,21 @@ def _time(arrays: dict[str, Any], physics_steps: int) -> Iterator[str]:
 
 
 def _pictures(episode: Episode) -> Iterator[str]:
-    eyes = episode.meta.recipe.eyes
-    assert eyes is not None
-    for eye in EYES:
+    size = episode.meta.picture_size
+    for camera in CAMERAS:
         for frame in range(episode.meta.frames):
             try:
-                picture = episode.picture(eye, frame)
-            except (EpisodeError, KeyError, OSError, ValueError, cv2.error) as error:
-                yield f"{eye} eye, frame {frame}: no picture ({str(error)[:80]})"
+                picture = episode.picture(camera, frame)
+            except (EpisodeError, KeyError, OSError, ValueError) as error:
+                yield f"{camera} camera, frame {frame}: no picture ({str(error)[:80]})"
                 break
-            if picture.shape != (eyes.height, eyes.width, 3):
-                yield f"{eye} eye, frame {frame}: a picture of {picture.shape[1::-1]}"
+            if picture.shape[1::-1] != size or picture.shape[2] != 3:
+                yield f"{camera} camera, frame {frame}: a picture of {picture.shape[1::-1]}"
                 break
 
 
 def remake(store: Store, seed: int) -> str:
-    """Make the trial with ``seed`` again from its own recipe and compare the bytes.
+    """Make the trial with ``seed`` again from its own settings and compare the bytes.
 
     Returns:
         what differs; empty: nothing.
@@ -194,14 +186,14 @@ def remake(store: Store, seed: int) -> str:
     if not paths:
         raise EpisodeError(f"no trial with seed {seed} in {store.root}")
     before = store.read(paths[0])
-    made = make_episode(before.meta.recipe, seed)
+    made = make_episode(EpisodeConfig.of(before.meta), seed)
     meta = made.meta
     content = made.content or (meta.model_dump_json() + "\n").encode()
     if content == paths[0].read_bytes():
         return ""
     name = paths[0].relative_to(store.root)
-    builds = [Build(source=m.source, versions=m.versions) for m in (before.meta, meta)]
-    changes = builds[0].differences(builds[1])
+    code = [CodeVersion(source=m.source, versions=m.versions) for m in (before.meta, meta)]
+    changes = code[0].differences(code[1])
     if changes:
         return f"{name}: other bytes, by other code. There | here: {'; '.join(changes)}"
     first, second = (json.loads(m.model_dump_json()) for m in (before.meta, meta))

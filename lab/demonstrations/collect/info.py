@@ -8,11 +8,13 @@ import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.table import Table
 
-from common.episodes.columns import EYES
+from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import Episode, Image, open_episode
 from common.episodes.errors import EpisodeError
+from common.episodes.folder import DAMAGED, IndexLine
+from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.progress import failures
-from lab.demonstrations.collect.store import DAMAGED, IndexLine, Store
+from lab.demonstrations.collect.store import Store
 from lab.review.frames import write_picture
 from services.sim.rendering.render import contact_sheet
 
@@ -30,14 +32,22 @@ def table(lines: list[IndexLine]) -> RenderableType:
     for task in dict.fromkeys(line.meta.task for line in lines):
         rows.add_row(task, *_cells([line for line in lines if line.meta.task == task]))
     bad = [line for line in lines if not line.meta.success]
-    conditions = {
-        f"operator: synthetic, {recipe.traits.name}; links: "
-        + (", ".join(f"{name}={spec}" for name, spec in recipe.links.items()) or "none")
-        + f"; torques: {recipe.torque_mode}; pictures: "
-        + (f"{recipe.eyes.width}x{recipe.eyes.height}" if recipe.eyes else "none")
-        for recipe in (line.meta.recipe for line in lines)
-    }
+    conditions = {_conditions(line) for line in lines}
     return Group(rows, *sorted(conditions), *failures(bad))
+
+
+def _conditions(line: IndexLine) -> str:
+    """Who operated the robot, and under which settings."""
+    size, origin = line.meta.picture_size, line.meta.origin
+    pictures = f"{size[0]}x{size[1]}" if size else "none"
+    if line.meta.operator != "synthetic":
+        return f"operator: {line.meta.operator}; pictures: {pictures}"
+    config = EpisodeConfig.checked(origin)
+    links = ", ".join(f"{name}={spec}" for name, spec in config.links.items()) or "none"
+    return (
+        f"operator: synthetic, {config.traits.name}; links: {links}; torques: "
+        f"{config.torque_mode}; pictures: {pictures}"
+    )
 
 
 def _cells(lines: list[IndexLine]) -> list[str]:
@@ -75,8 +85,8 @@ def sheet(episode: Episode, shown: int = SHOWN) -> Image:
     tiles = []
     for frame in frames.astype(int).tolist():
         captions = (_seen(episode, frame), _done(episode, frame))
-        for eye, caption in zip(EYES, captions, strict=True):
-            tiles.append(_captioned(episode.picture(eye, frame), caption))
+        for camera, caption in zip(CAMERAS, captions, strict=True):
+            tiles.append(_captioned(episode.picture(camera, frame), caption))
     return contact_sheet(tiles, columns=4)
 
 

@@ -1,41 +1,41 @@
-"""How far the collection is: a bar on a terminal, a line a trial anywhere else."""
+"""Shows the progress of a collection: a bar on a terminal, a line for each trial elsewhere."""
 
 from collections import Counter
 from time import monotonic
 
 from rich.console import Console
 
-from lab.demonstrations.collect.collect import Standing
+from common.episodes.folder import IndexLine
+from lab.demonstrations.collect.collect import CollectionProgress
 from lab.demonstrations.collect.space import size
-from lab.demonstrations.collect.store import IndexLine
 from lab.trials.progress import Bar, duration
 
 
 class Pace:
-    """Rate, time left and speed of this run; what was there before does not count."""
+    """Computes rate, time left and speed of this run; earlier trials do not count."""
 
     def __init__(self) -> None:
         self._began = monotonic()
         self._before: int | None = None
 
-    def parts(self, standing: Standing) -> list[str]:
-        """Most important first, as ``ETA 0:34``, ``64 % successes``, ``212 an hour``."""
+    def parts(self, progress: CollectionProgress) -> list[str]:
+        """Return parts of a line, the most important first, as ``ETA 0:34``, ``212 an hour``."""
         if self._before is None:
-            self._before = standing.successes
+            self._before = progress.successes
         elapsed = monotonic() - self._began
-        made = standing.successes - self._before
+        made = progress.successes - self._before
         parts = []
         if made:
-            left = max(0, standing.wanted - standing.successes) * elapsed / made
+            left = max(0, progress.wanted - progress.successes) * elapsed / made
             parts.append(f"ETA {duration(left)}")
-        failed = len(standing.lines) - standing.successes
+        failed = len(progress.lines) - progress.successes
         if failed:
             parts.append(f"{failed} failed")
-        if standing.simulated:
-            parts.append(f"{standing.simulated / elapsed:.2f} x real time")
-        if standing.successes:
-            kept = sum(line.bytes for line in standing.lines.values())
-            total = kept * max(1.0, standing.wanted / standing.successes)
+        if progress.simulated:
+            parts.append(f"{progress.simulated / elapsed:.2f} x real time")
+        if progress.successes:
+            kept = sum(line.bytes for line in progress.lines.values())
+            total = kept * max(1.0, progress.wanted / progress.successes)
             parts.append(f"{size(kept)} of {size(total)}")
         if made:
             parts.append(f"{3600 * made / elapsed:.0f} an hour")
@@ -43,11 +43,11 @@ class Pace:
 
 
 _FIXED = 40
-"""Columns of a terminal that bar, count and margins take."""
+"""Columns of a terminal that the bar, the count and margins take."""
 
 
 def fitting(parts: list[str], width: int) -> str:
-    """As many of ``parts`` as ``width`` columns hold, the first ones."""
+    """Return as many of the first ``parts`` as ``width`` columns hold."""
     text = ""
     for part in parts:
         longer = f"{text}, {part}" if text else part
@@ -58,46 +58,46 @@ def fitting(parts: list[str], width: int) -> str:
 
 
 class Display(Bar):
-    """Shows the standing while it changes."""
+    """Shows the progress while it changes."""
 
     def __init__(self, console: Console) -> None:
         super().__init__(console, "episodes")
         self._pace = Pace()
 
-    def tell(self, standing: Standing, line: IndexLine | None) -> None:
-        """Show how it stands; ``line`` is a trial that has just ended."""
-        parts = self._pace.parts(standing)
+    def update(self, progress: CollectionProgress, line: IndexLine | None) -> None:
+        """Show the progress; ``line`` is a trial that has just ended."""
+        parts = self._pace.parts(progress)
         shown = fitting(parts, self.console.width - _FIXED) or "the first are under way"
-        self.show(standing.successes, standing.wanted, shown)
+        self.show(progress.successes, progress.wanted, shown)
         if line is None:
             return
         meta = line.meta
         if not self.console.is_terminal:
-            text = f"[{standing.successes}/{standing.wanted}] seed {meta.seed}: {meta.verdict}"
+            text = f"[{progress.successes}/{progress.wanted}] seed {meta.seed}: {meta.verdict}"
             self.say(f"{text} at {meta.completion_time:.1f} s; {', '.join(parts)}")
         if not meta.success:
             self.say(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
 
 
-def closing(standing: Standing, elapsed: float) -> str:
-    """What was done, in a few lines."""
-    new = len(standing.lines) - standing.resumed
+def closing(progress: CollectionProgress, elapsed: float) -> str:
+    """Return a summary of the run, in a few lines."""
+    new = len(progress.lines) - progress.resumed
     lines = [
-        f"{standing.successes} of {standing.wanted} successes from {len(standing.lines)} trials"
-        + (f", {standing.resumed} of these from before" if standing.resumed else "")
+        f"{progress.successes} of {progress.wanted} successes from {len(progress.lines)} trials"
+        + (f", {progress.resumed} of these from before" if progress.resumed else "")
     ]
     if new:
         lines.append(
-            f"{new} trials in {duration(elapsed)}: {standing.simulated:.0f} s of robot time, "
-            f"{standing.simulated / elapsed:.2f} x real time together, "
-            f"{standing.simulated / standing.busy:.2f} x a worker "
-            f"({100 * standing.rendering / standing.busy:.0f} % of its time for pictures)"
+            f"{new} trials in {duration(elapsed)}: {progress.simulated:.0f} s of robot time, "
+            f"{progress.simulated / elapsed:.2f} x real time together, "
+            f"{progress.simulated / progress.busy:.2f} x a worker "
+            f"({100 * progress.rendering / progress.busy:.0f} % of its time for pictures)"
         )
-    lines += failures([line for line in standing.lines.values() if not line.meta.success])
+    lines += failures([line for line in progress.lines.values() if not line.meta.success])
     return "\n".join(lines)
 
 
 def failures(lines: list[IndexLine]) -> list[str]:
-    """``3 x failure: not within 20 s: ...``, the commonest first."""
+    """Return ``3 x failure: not within 20 s: ...`` for each reason, the commonest first."""
     reasons = Counter(f"{line.meta.verdict}: {line.meta.reason}" for line in lines)
     return [f"{number} x {reason}" for reason, number in reasons.most_common()]

@@ -1,4 +1,4 @@
-"""How much disk a data set takes: from its episodes once there are some, a guess before."""
+"""Disk space of a data set: measured from its episodes, or estimated before there are any."""
 
 import shutil
 from collections.abc import Iterable
@@ -6,33 +6,30 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from common.episodes.episode_file import RATE
 from common.episodes.errors import EpisodeError
-from lab.demonstrations.collect.recipe import EpisodeConfig
-from lab.demonstrations.collect.store import IndexLine
+from common.episodes.folder import IndexLine
+from lab.demonstrations.collect.config import EpisodeConfig
 from services.sim.tasks import find_task
 
-_QUALITY = (10, 30, 50, 70, 80, 90, 95, 100)
-_DENSITY = (0.04, 0.07, 0.09, 0.12, 0.15, 0.20, 0.26, 0.42)
-"""Bytes a pixel of JPEG by quality, about; scenes and sizes differ by a third either way."""
+_BYTES_PER_PIXEL = 0.2
+"""About so much takes a JPEG picture of quality 90; scenes and sizes differ by a third."""
 _ARRAYS = 1700.0
-"""Bytes a frame without pictures."""
-_OF_LIMIT = 0.45
-"""A success takes about so much of a task's time limit (0.3 to 0.6)."""
+"""The arrays of a frame take about so much [bytes]."""
+_SHARE_OF_LIMIT = 0.45
+"""A success takes about this share of a task's time limit (0.3 to 0.6)."""
 _RESERVE = 50e6
-"""Left to others on the disk [bytes]."""
+"""So much is left to others on the disk [bytes]."""
 
 
 @dataclass(frozen=True)
 class Need:
-    """Disk space that is still needed.
+    """Disk space that the episodes still to come need.
 
     Attributes:
-        each: an episode [bytes].
-        total: of those still to come [bytes].
-        measured: from episodes that are there, not guessed.
+        each: size of an episode [bytes].
+        total: size of the episodes still to come [bytes].
+        measured: whether this is measured from episodes, not estimated.
     """
 
     each: float
@@ -41,36 +38,35 @@ class Need:
 
 
 def size(amount: float) -> str:
-    """``6.0 MB`` or ``1.5 GB``."""
+    """Return a number of bytes as ``6.0 MB`` or ``1.5 GB``."""
     return f"{amount * 1e-9:.1f} GB" if amount >= 1e9 else f"{amount * 1e-6:.1f} MB"
 
 
-def guess(recipe: EpisodeConfig) -> float:
-    """Bytes of an episode, right within a factor of two."""
+def estimate(config: EpisodeConfig) -> float:
+    """Estimate the size of an episode within a factor of two [bytes]."""
     pictures = 0.0
-    if recipe.eyes is not None:
-        density = float(np.interp(recipe.eyes.quality, _QUALITY, _DENSITY))
-        pictures = 2.0 * recipe.eyes.width * recipe.eyes.height * density
-    return find_task(recipe.task).limit * _OF_LIMIT * RATE * (_ARRAYS + pictures)
+    if config.pictures is not None:
+        pictures = 2.0 * config.pictures.width * config.pictures.height * _BYTES_PER_PIXEL
+    return find_task(config.task).limit * _SHARE_OF_LIMIT * RATE * (_ARRAYS + pictures)
 
 
-def needed(recipe: EpisodeConfig, lines: Iterable[IndexLine], missing: int) -> Need:
-    """What ``missing`` further successes take, besides the trials in ``lines``."""
+def needed(config: EpisodeConfig, lines: Iterable[IndexLine], missing: int) -> Need:
+    """Return what ``missing`` further successes take, given the trials in ``lines``."""
     done = list(lines)
     successes = sum(line.meta.success for line in done)
     if not successes:
-        each = guess(recipe)
+        each = estimate(config)
         return Need(each, each * missing, False)
-    # What is kept of failures, too, comes with each success.
+    # Failures that are kept come along with each success.
     each = sum(line.bytes for line in done) / successes
     return Need(each, each * missing, True)
 
 
 def free(path: Path) -> float:
-    """Bytes that may be written below ``path``, which need not be there yet."""
+    """Return how much may be written below ``path``, which need not exist [bytes]."""
     there = path.absolute()
     for place in (there, *there.parents):
-        # Not there, no place for us, or no name: whoever writes will say so.
+        # If the path is unusable, writing to it will say so.
         with suppress(OSError):
             return float(shutil.disk_usage(place).free)
     return 0.0
@@ -80,7 +76,7 @@ def check_room(root: Path, need: Need) -> None:
     """Refuse what clearly does not fit.
 
     Raises:
-        EpisodeError: not even half of a guess, or not all that was measured, fits.
+        EpisodeError: not even half of an estimate, or not all of what was measured, fits.
     """
     room = free(root) - _RESERVE
     least = need.total if need.measured else need.total / 2

@@ -1,57 +1,36 @@
-"""A data set's directory: one file an episode, written whole or not at all, and an index.
+"""Writes a data set's folder: each trial's file whole or not at all, and the index.
 
-    dataset.json             the recipe, and which code made them
-    index.jsonl              a line a trial, by seed; can be rebuilt from the files
-    episodes/000012.h5       an episode that was kept
-    rejected/000013.json     a trial that was not: its description only
-
-The files are the truth. A trial is done when its file is there; the index is convenience.
+The layout is in :mod:`common.episodes.folder`.
 """
 
 import errno
-import hashlib
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
-
-from common.episodes.episode_file import EpisodeMeta, open_episode, parse_meta
+from common.episodes.episode_file import EpisodeMeta, parse_meta
 from common.episodes.errors import EpisodeError
-from common.errors import ConfigError
+from common.episodes.folder import (
+    DATASET,
+    EPISODES,
+    INDEX,
+    REJECTED,
+    IndexLine,
+    index_line,
+    read_meta,
+    trial_files,
+)
 from common.files import PART, alone, write_whole
-from lab.demonstrations.collect.dataset import RECIPE, Build, DatasetFile, read_dataset
-from lab.demonstrations.collect.recipe import EpisodeConfig
+from lab.demonstrations.collect.config import EpisodeConfig, origin_differences
+from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
+from lab.trials.provenance import CodeVersion
 
-INDEX, EPISODES, REJECTED = "index.jsonl", "episodes", "rejected"
 _LOCK = ".lock"
-DAMAGED = (KeyError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
-"""What h5py raises where bytes of a file are wrong, besides what :mod:`fileformat` makes of it."""
-
-
-class IndexLine(BaseModel):
-    """A trial in the index.
-
-    Attributes:
-        file: relative to the data set.
-        kept: whether the file is an episode; else only a description.
-        bytes: size of the file.
-        sha256: of the file.
-        meta: what is known of the trial.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    file: str
-    kept: bool
-    bytes: int
-    sha256: str
-    meta: EpisodeMeta
 
 
 @contextmanager
-def _disk(path: Path, does: str = "write") -> Iterator[None]:
-    """What the disk refuses, in words."""
+def _disk_errors(path: Path, does: str = "write") -> Iterator[None]:
+    """Turn errors of the operating system into ones that say what to do."""
     try:
         yield
     except OSError as error:
@@ -73,7 +52,7 @@ def _write(path: Path, content: bytes) -> None:
     Raises:
         EpisodeError: the disk is full, or the file may not be written.
     """
-    with _disk(path):
+    with _disk_errors(path):
         write_whole(path, content)
 
 
@@ -81,112 +60,104 @@ class Store:
     """A data set on disk.
 
     Attributes:
-        root: its directory.
+        root: its folder.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
 
-    def recipe(self) -> EpisodeConfig | None:
-        """What its episodes are made from; None: nothing is there yet.
+    def config(self) -> EpisodeConfig:
+        """Return the settings of its episodes.
 
         Raises:
-            EpisodeError: its file is wrong.
+            EpisodeError: there is no data set, or its file is wrong.
         """
         file = read_dataset(self.root)
-        return None if file is None else file.recipe
+        if file is None:
+            raise EpisodeError(
+                f"no data set in {self.root}: expected a directory with {DATASET}, as `trill "
+                "collect` makes"
+            )
+        return file.config
 
     @contextmanager
     def locked(self) -> Iterator[None]:
-        """Be the only one that writes here; the directory has to be there.
+        """Be the only process that writes here; the folder must exist.
 
         Raises:
-            EpisodeError: somebody else writes here, or nobody may.
+            EpisodeError: another process writes here, or nobody may.
         """
         with ExitStack() as stack:
-            with _disk(self.root / _LOCK):
+            with _disk_errors(self.root / _LOCK):
                 stack.enter_context(alone(self.root / _LOCK, EpisodeError))
             yield
 
     @contextmanager
     def writing(
-        self, recipe: EpisodeConfig, build: Build, accept: bool = False, seed: int | None = None
+        self,
+        config: EpisodeConfig,
+        code: CodeVersion,
+        accept: bool = False,
+        seed: int | None = None,
     ) -> Iterator[int]:
-        """Be the only one that writes here; begin the data set, or go on with it.
+        """Begin the data set, or continue it, as the only process that writes here.
 
         Args:
-            recipe: of the episodes.
-            build: the code that makes them.
-            accept: that it is other code than that of the episodes there.
-            seed: of the first trial; None: as it was begun, a new one with 0.
+            config: settings of the episodes.
+            code: the code that makes them.
+            accept: whether other code than that of the episodes there is accepted.
+            seed: seed of the first trial; None: as it was begun, 0 for a new data set.
 
         Returns:
             the seed of the first trial.
 
         Raises:
-            ConfigError: it was begun with another recipe or seed, or by other code.
-            EpisodeError: somebody else writes here, or nobody can.
+            ConfigError: it was begun with other settings or another seed, or by other code.
+            EpisodeError: another process writes here, or nobody can.
         """
-        with _disk(self.root):
+        with _disk_errors(self.root):
             self.root.mkdir(parents=True, exist_ok=True)
         with self.locked():
-            yield self._begin(recipe, build, accept, seed)
+            yield self._begin(config, code, accept, seed)
 
-    def _begin(self, recipe: EpisodeConfig, build: Build, accept: bool, seed: int | None) -> int:
+    def _begin(
+        self, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None
+    ) -> int:
         known = read_dataset(self.root)
-        if known is None and self.files():
+        if known is not None:
+            file = known.continued(self.root, config, code, accept, seed)
+        elif self.files():
             raise EpisodeError(
-                f"{self.root} has episodes but no {RECIPE}; put it back from a copy, or choose "
+                f"{self.root} has episodes but no {DATASET}; put it back from a copy, or choose "
                 "another --out"
             )
-        if known is None:
-            file = DatasetFile(recipe=recipe, builds=(build,), first_seed=seed or 0)
         else:
-            file = known if known.first_seed is not None else self._dated(known, seed)
-            file = file.begun_at(self.root, seed)
-            file = file.agreed(self.root, recipe, build, accept)
-        with _disk(self.root):
+            file = DatasetFile(config=config, code=(code,), first_seed=seed or 0)
+        with _disk_errors(self.root):
             for folder in (EPISODES, REJECTED):
                 (self.root / folder).mkdir(exist_ok=True)
-            # Not below others: an export beside the episodes keeps what is its own.
+            # Not below other folders: an export beside the episodes keeps its own files.
             for place in (self.root, self.root / EPISODES, self.root / REJECTED):
                 for torn in place.glob(f"*{PART}"):
                     if torn.is_file():
                         torn.unlink()
         if file != known:
-            _write(self.root / RECIPE, file.content())
-        return file.first_seed or 0
-
-    def _dated(self, file: DatasetFile, seed: int | None) -> DatasetFile:
-        """The file of an earlier version, which does not say its first seed, with it.
-
-        Raises:
-            ConfigError: it can only be guessed; the first trial may be what a kill has left out.
-        """
-        seeds = {int(path.stem) for path in self.files() if path.stem.isdecimal()}
-        with suppress(EpisodeError):
-            seeds.update(line.meta.seed for line in self.index())
-        if seed is None and seeds and min(seeds) > 0:
-            raise ConfigError(
-                f"{self.root} does not say which seed it was begun with, and there is none before "
-                f"{min(seeds)}: give --seed, this once"
-            )
-        first = min(seeds | ({seed} if seed is not None else set()), default=0)
-        return file.model_copy(update={"first_seed": first})
+            _write(self.root / DATASET, file.content())
+        return file.first_seed
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
-        """Keep a trial: its episode, or only its description."""
+        """Keep a trial: its episode, or only its metadata."""
         kept = content is not None
         name = f"{EPISODES}/{meta.seed:06d}.h5" if kept else f"{REJECTED}/{meta.seed:06d}.json"
         data = content if content is not None else (meta.model_dump_json() + "\n").encode()
         _write(self.root / name, data)
-        line = _line(name, data, meta)
-        with _disk(self.root / INDEX), (self.root / INDEX).open("a", encoding="utf-8") as index:
-            index.write(line.model_dump_json() + "\n")
+        line = index_line(name, data, meta)
+        with _disk_errors(self.root / INDEX), (self.root / INDEX).open("ab") as index:
+            index.write(line.model_dump_json().encode() + b"\n")
         return line
 
     def read(self, path: Path) -> IndexLine:
-        """A trial's line from its file.
+        """Return a trial's index line from its file.
 
         Raises:
             EpisodeError: the file is damaged, or is not the trial its name says.
@@ -201,31 +172,30 @@ class Store:
             meta = parse_meta(path, content.decode(errors="replace"))
         if path.stem != f"{meta.seed:06d}":
             raise EpisodeError(f"{path}: expected the trial its name says, got seed {meta.seed}")
-        return _line(str(path.relative_to(self.root)), content, meta)
+        return index_line(str(path.relative_to(self.root)), content, meta)
 
-    def scan(self, each: Callable[[], None] = lambda: None) -> list[IndexLine]:
+    def scan(self, on_file: Callable[[], None] = lambda: None) -> list[IndexLine]:
         """Read every file and return the index, by seed.
 
         Args:
-            each: called after each file.
+            on_file: called after each file.
 
         Raises:
-            EpisodeError: files are damaged or not of this data set, or there is none.
+            EpisodeError: files are damaged or of another data set, or there is no data set.
         """
-        recipe = self.recipe()
-        if recipe is None:
-            raise self._none()
+        origin = self.config().origin()
         lines, wrong = [], []
         for path in self.files():
             try:
                 line = self.read(path)
-                if line.meta.recipe != recipe:
-                    differences = "; ".join(recipe.differences(line.meta.recipe))
-                    wrong.append(f"{path}: of another data set, here | there: {differences}")
+                if differences := origin_differences(origin, line.meta.origin):
+                    wrong.append(
+                        f"{path}: of another data set, here | there: {'; '.join(differences)}"
+                    )
                 lines.append(line)
             except EpisodeError as error:
                 wrong.append(str(error))
-            each()
+            on_file()
         if wrong:
             raise EpisodeError(
                 "damaged or foreign files; move them away, and the same command makes these trials "
@@ -234,11 +204,9 @@ class Store:
         return sorted(lines, key=lambda line: line.meta.seed)
 
     def files(self) -> list[Path]:
-        """Every trial's file."""
-        with _disk(self.root, "read"):
-            found = [*(self.root / EPISODES).glob("*.h5"), *(self.root / REJECTED).glob("*.json")]
-        # Seeds have six digits or more.
-        return sorted(found, key=lambda path: (path.parent, len(path.stem), path.stem))
+        """Return the files of all trials."""
+        with _disk_errors(self.root, "read"):
+            return trial_files(self.root)
 
     def write_index(self, lines: list[IndexLine]) -> None:
         """Replace the index."""
@@ -246,11 +214,12 @@ class Store:
         _write(self.root / INDEX, text.encode())
 
     def index(self) -> list[IndexLine]:
-        """Read the index, by seed; of a run that was cut off it may lack the last trials.
+        """Read the index, by seed; after a run that was cut off it may lack the last trials.
 
         Raises:
-            EpisodeError: it is not there or damaged, or there is no data set.
+            EpisodeError: it is missing or damaged, or there is no data set.
         """
+        self.config()
         path = self.root / INDEX
         try:
             lines = [
@@ -258,39 +227,8 @@ class Store:
                 for text in path.read_text(encoding="utf-8").splitlines()
             ]
         except (OSError, ValueError) as error:
-            if self.recipe() is None:
-                raise self._none() from error
             raise EpisodeError(
                 f"{path} cannot be read ({error}); rebuild it with: trill collect --reindex "
                 f"{self.root}"
             ) from error
         return sorted(lines, key=lambda line: line.meta.seed)
-
-    def _none(self) -> EpisodeError:
-        return EpisodeError(
-            f"no data set in {self.root}: expected a directory with {RECIPE}, as `trill collect` "
-            "makes"
-        )
-
-
-def read_meta(path: Path) -> EpisodeMeta:
-    """What is known of the episode in a file.
-
-    Raises:
-        EpisodeError: it is none, of another version, or damaged.
-    """
-    try:
-        with open_episode(path) as episode:
-            return episode.meta
-    except DAMAGED as error:
-        raise EpisodeError(f"cannot read {path} as an episode, it is damaged: {error}") from error
-
-
-def _line(name: str, content: bytes, meta: EpisodeMeta) -> IndexLine:
-    return IndexLine(
-        file=name,
-        kept=name.endswith(".h5"),
-        bytes=len(content),
-        sha256=hashlib.sha256(content).hexdigest(),
-        meta=meta,
-    )

@@ -2,7 +2,7 @@
 
 from common.episodes.episode_file import RATE
 from lab.demonstrations.export.fields import ACTION, STATE, described
-from lab.demonstrations.export.source import Source, goal_of, seeds
+from lab.demonstrations.export.source import Source, seeds
 
 _FRONT = """---
 task_categories:
@@ -19,14 +19,12 @@ configs:
 
 def card(source: Source) -> str:
     """The text, in Markdown with the head that dataset hubs read."""
-    synthetic = [chosen for chosen in source.episodes if chosen.meta.synthetic]
     done = sum(chosen.meta.success for chosen in source.episodes)
     parts = [
         _FRONT + "# Demonstrations by the DRACO 3 humanoid in simulation",
         f"{len(source.episodes)} episodes ({done} successes), {source.frames} frames at {RATE} Hz, "
-        f"in lerobot's format v3.0. **{len(synthetic)} of {len(source.episodes)} are by a "
-        "synthetic operator**: a programme that stands in for a person, not a person. Made by "
-        "trill; `meta/trill.json` says from what, episode by episode.",
+        f"in lerobot's format v3.0. {_operators(source)} trill made them; `meta/trill.json` has "
+        "the settings of each episode.",
         _tasks(source),
         _table("observation.state", described(STATE)),
         _table("action", described(ACTION)),
@@ -35,11 +33,27 @@ def card(source: Source) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+_OPERATORS = {
+    "synthetic": "a synthetic operator, which is a program that imitates a person",
+    "person": "a person",
+    "policy": "a learned policy",
+}
+
+
+def _operators(source: Source) -> str:
+    """Who operated the robot, and in how many episodes."""
+    parts = (
+        f"**{number} of {len(source.episodes)} are by {_OPERATORS[operator]}**."
+        for operator, number in source.operators.items()
+    )
+    return " ".join(parts)
+
+
 def _tasks(source: Source) -> str:
     lines = ["| task | goal | seeds |", "|---|---|---|"]
     for task in source.tasks:
         chosen = [one for one in source.episodes if one.meta.task == task]
-        lines.append(f"| {task} | {goal_of(task)} | {seeds(chosen)} |")
+        lines.append(f"| {task} | {source.goals[task]} | {seeds(chosen)} |")
     return "\n".join(lines)
 
 
@@ -53,6 +67,6 @@ scaled. The body frame is `torso_link` (x forward, y left, z up); quaternions ar
 Locomotion and controller state are numbers of kinds, not quantities.
 
 A frame's action was given at that frame; its observation is the newest that the robot then had.
-`age.*` says how old that was [s]: joints (`state`), controller state, pictures (`truth`), and what
-the operator acted on (`seen`), which a delayed link makes older. `next.success` is true in the
+`age.*` says how old that was [s]: joints (`state`), controller state, stereo pair (`picture`), and
+what the operator acted on (`seen`), which a delayed link makes older. `next.success` is true in the
 frame whose action the judge called a success, and after it; `next.done` in the last."""

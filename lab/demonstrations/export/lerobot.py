@@ -23,13 +23,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from common.episodes.columns import EYES
+from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE, Episode
 from lab.demonstrations.export import lerobot_layout as layout
 from lab.demonstrations.export.card import card
 from lab.demonstrations.export.fields import ACTION, STATE, join
 from lab.demonstrations.export.lerobot_layout import Pictures
-from lab.demonstrations.export.source import SelectedEpisode, Source, goal_of, reading
+from lab.demonstrations.export.source import SelectedEpisode, Source, reading
 from lab.demonstrations.export.staging import staged
 from lab.demonstrations.export.stats import EVERY, PictureStats, Stats, of_columns
 from lab.demonstrations.export.video import Place, VideoFiles
@@ -97,8 +97,10 @@ def write(
 def _films(root: Path, pictures: Pictures, crf: int) -> dict[str, VideoFiles]:
     limit = layout.VIDEO_MB << 20
     return {
-        eye: VideoFiles(root / f"videos/{key}/chunk-000", pictures.size, RATE, crf=crf, limit=limit)
-        for eye, key in layout.PICTURE_KEYS.items()
+        camera: VideoFiles(
+            root / f"videos/{key}/chunk-000", pictures.size, RATE, crf=crf, limit=limit
+        )
+        for camera, key in layout.PICTURE_KEYS.items()
     }
 
 
@@ -166,7 +168,7 @@ class _Writer:
 
     def __post_init__(self) -> None:
         self.tables = _Tables(self.root, layout.schema(self.described))
-        self._goals = [goal_of(task) for task in self.source.tasks]
+        self._goals = list(self.source.goals.values())
         if len(set(self._goals)) < len(self._goals):
             raise DatasetError(f"two tasks have the same goal, in words: {self._goals}")
 
@@ -178,43 +180,47 @@ class _Writer:
         task = self.source.tasks.index(chosen.meta.task)
         numbers = _columns(chosen, episode, index=index, first=self.frames, task=task)
         figures = {key: of_columns(values) for key, values in numbers.items()}
-        seen = {eye: PictureStats() for eye in EYES} if self.source.size is not None else {}
+        seen = (
+            {camera: PictureStats() for camera in CAMERAS} if self.source.size is not None else {}
+        )
         for begin in range(0, chosen.frames, _BLOCK):
             block = slice(begin, min(begin + _BLOCK, chosen.frames))
             columns = {key: values[block] for key, values in numbers.items()}
-            for eye, counted in seen.items():
-                columns |= self._pictures(eye, episode, block, counted)
+            for camera, counted in seen.items():
+                columns |= self._pictures(camera, episode, block, counted)
             self.tables.add(columns)
             yield block.stop - block.start
-        for eye, pictures in seen.items():
-            figures[layout.PICTURE_KEYS[eye]] = pictures.stats()
-            self.total.setdefault(eye, PictureStats()).merge(pictures)
-        places = {layout.PICTURE_KEYS[eye]: film.end_episode() for eye, film in self.films.items()}
+        for camera, pictures in seen.items():
+            figures[layout.PICTURE_KEYS[camera]] = pictures.stats()
+            self.total.setdefault(camera, PictureStats()).merge(pictures)
+        places = {
+            layout.PICTURE_KEYS[camera]: film.end_episode() for camera, film in self.films.items()
+        }
         self.rows.append(self._row(index, chosen, self._goals[task], places, figures))
         self.frames += chosen.frames
 
     def _pictures(
-        self, eye: str, episode: Episode, block: slice, seen: PictureStats
+        self, camera: str, episode: Episode, block: slice, seen: PictureStats
     ) -> dict[str, Any]:
         """Film some pictures, or return them as a column; count every fourth."""
         embedded = []
         for frame in range(block.start, block.stop):
-            counted, filmed = frame % EVERY == 0, eye in self.films
+            counted, filmed = frame % EVERY == 0, camera in self.films
             if not filmed and not self.source.resized:
                 # As collected: to decode and encode it again would lose, or be many times larger.
-                jpeg = episode.jpeg(eye, frame)
+                jpeg = episode.jpeg(camera, frame)
                 embedded.append({"bytes": jpeg, "path": f"{frame:06d}.jpg"})
                 if not counted:
                     continue
-            picture = self.source.picture(episode, eye, frame)
+            picture = self.source.picture(episode, camera, frame)
             if counted:
                 seen.add(picture)
             if filmed:
-                self.films[eye].add(picture)
+                self.films[camera].add(picture)
             elif self.source.resized:
                 _, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
                 embedded.append({"bytes": png.tobytes(), "path": f"{frame:06d}.png"})
-        return {layout.PICTURE_KEYS[eye]: embedded} if embedded else {}
+        return {layout.PICTURE_KEYS[camera]: embedded} if embedded else {}
 
     def _row(
         self,
@@ -240,7 +246,7 @@ class _Writer:
             row[f"videos/{key}/to_timestamp"] = place.end
         meta = chosen.meta
         row |= {"seed": meta.seed, "success": meta.success, "verdict": meta.verdict}
-        row |= {"synthetic": meta.synthetic, "task_name": meta.task}
+        row |= {"operator": meta.operator, "task_name": meta.task}
         for key, stats in figures.items():
             row |= {f"stats/{key}/{name}": value for name, value in stats.items()}
         return row
@@ -251,7 +257,7 @@ class _Writer:
         for key, about in self.described.items():
             if about["dtype"] not in {"video", "image"}:
                 stats[key] = of_columns(self.tables.read(key))
-        stats |= {layout.PICTURE_KEYS[eye]: seen.stats() for eye, seen in self.total.items()}
+        stats |= {layout.PICTURE_KEYS[camera]: seen.stats() for camera, seen in self.total.items()}
         content = layout.info(
             self.described, episodes=len(self.rows), frames=self.frames, tasks=len(self._goals)
         )
@@ -260,9 +266,8 @@ class _Writer:
         layout.write_tasks(self.root / layout.TASKS_PATH, self._goals)
         layout.write_episodes(self.root, self.rows)
         made = [chosen.meta.model_dump(mode="json") for chosen in self.source.episodes]
-        synthetic = all(chosen.meta.synthetic for chosen in self.source.episodes)
         # Beside info.json: lerobot takes nothing there that it does not know.
-        about = {"synthetic_operator": synthetic, "episodes": made}
+        about = {"operators": self.source.operators, "episodes": made}
         layout.write_json(self.root / _MADE_FROM, about)
         (self.root / "README.md").write_text(card(self.source), encoding="utf-8")
 

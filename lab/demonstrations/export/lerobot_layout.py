@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from common.episodes.columns import EYES
+from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE
 from lab.demonstrations.export.fields import ACTION, AGES, STATE, names_of
 from lab.demonstrations.export.video import CODEC, PIXELS
@@ -24,7 +24,7 @@ DATA_PATH = f"data/{FILE}.parquet"
 VIDEO_PATH = "videos/{video_key}/" + FILE + ".mp4"
 EPISODES_PATH = f"meta/episodes/{FILE}.parquet"
 INFO_PATH, STATS_PATH, TASKS_PATH = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
-PICTURE_KEYS = {eye: f"observation.images.{eye}" for eye in EYES}
+PICTURE_KEYS = {camera: f"observation.images.{camera}" for camera in CAMERAS}
 STATE_KEY, ACTION_KEY = "observation.state", "action"
 AGE_NAMES = {f"age.{part.names[0]}": part for part in AGES}
 """One number a frame each; not called observations, so that no policy takes them for some."""

@@ -20,10 +20,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-from common.episodes.columns import EYES
+from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE, Episode
 from lab.demonstrations.export.fields import ACTION, Float32, join, low_dimensional, names_of
-from lab.demonstrations.export.source import SelectedEpisode, Source, goal_of, reading
+from lab.demonstrations.export.source import SelectedEpisode, Source, reading
 from lab.demonstrations.export.staging import staged
 from lab.errors import DatasetError
 
@@ -40,9 +40,9 @@ NO_ENVIRONMENT = 0
 Tick = Callable[[int], None]
 
 
-def image_key(eye: str) -> str:
-    """Name of an eye's pictures among the observations."""
-    return f"robot0_{eye}_eye_image"
+def image_key(camera: str) -> str:
+    """Name of a camera's pictures among the observations."""
+    return f"robot0_{camera}_eye_image"
 
 
 def is_robomimic(path: Path) -> bool:
@@ -106,7 +106,7 @@ def _check_room(source: Source, folder: Path, out: Path) -> None:
     if source.size is None:
         return
     width, height = source.size
-    needed = int(source.frames * len(EYES) * width * height * 3 * _SPARE)
+    needed = int(source.frames * len(CAMERAS) * width * height * 3 * _SPARE)
     free = shutil.disk_usage(folder).free
     if needed > free:
         raise DatasetError(
@@ -137,10 +137,10 @@ def _write_demo(demo: Any, chosen: SelectedEpisode, episode: Episode) -> None:
     demo.attrs["num_samples"] = chosen.frames
     demo.attrs["task"], demo.attrs["seed"] = meta.task, meta.seed
     demo.attrs["verdict"], demo.attrs["reason"] = meta.verdict, meta.reason
-    demo.attrs["success"], demo.attrs["synthetic"] = meta.success, meta.synthetic
+    demo.attrs["success"], demo.attrs["operator"] = meta.success, meta.operator
     demo.attrs["source"] = meta.source
     demo.attrs["versions"] = json.dumps(meta.versions)
-    demo.attrs["recipe"] = meta.recipe.model_dump_json()
+    demo.attrs["origin"] = json.dumps(meta.origin)
     observed = demo.create_group("obs")
     for key, part in low_dimensional().items():
         array = observed.create_dataset(key, data=part.of(episode, frames))
@@ -160,19 +160,19 @@ def _write_pictures(
         return
     width, height = source.size
     arrays = {
-        eye: observed.create_dataset(
-            image_key(eye),
+        camera: observed.create_dataset(
+            image_key(camera),
             shape=(chosen.frames, height, width, 3),
             dtype=np.uint8,
             chunks=(1, height, width, 3) if compress else None,
             compression="gzip" if compress else None,
             compression_opts=_GZIP if compress else None,
         )
-        for eye in EYES
+        for camera in CAMERAS
     }
     for frame in range(chosen.frames):
-        for eye, array in arrays.items():
-            array[frame] = source.picture(episode, eye, frame)
+        for camera, array in arrays.items():
+            array[frame] = source.picture(episode, camera, frame)
         yield 1
 
 
@@ -192,8 +192,8 @@ def _describe(
         }
     )
     data.attrs["robot"], data.attrs["rate"] = ROBOT, RATE
-    data.attrs["synthetic"] = all(chosen.meta.synthetic for chosen in source.episodes)
-    data.attrs["goals"] = json.dumps({task: goal_of(task) for task in source.tasks})
+    data.attrs["operators"] = json.dumps(source.operators)
+    data.attrs["goals"] = json.dumps(source.goals)
     data.attrs["action_names"] = names_of(ACTION)
     data.attrs["action_doc"] = json.dumps([[part.doc, list(part.names)] for part in ACTION])
     data.attrs["action_min"], data.attrs["action_max"] = ranges

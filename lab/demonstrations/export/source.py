@@ -3,6 +3,7 @@
 One episode is open at a time and one picture decoded at a time, however large the data set.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -11,13 +12,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from common.episodes.episode_file import RATE, Episode, EpisodeMeta, Image, open_episode
-from lab.demonstrations.collect.store import DAMAGED, EPISODES, Store, read_meta
+from common.episodes.episode_file import (
+    PERIOD_NS,
+    RATE,
+    Episode,
+    EpisodeMeta,
+    Image,
+    open_episode,
+)
+from common.episodes.errors import EpisodeError
+from common.episodes.folder import DAMAGED, EPISODES, is_dataset, read_meta, trial_files
 from lab.errors import DatasetError
-
-_PERIOD_NS = 1_000_000_000 // RATE
-_TOLERANCE_NS = 1_000_000
-"""A frame may be off its place in time by this much for each physics step between two looks."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +110,23 @@ class Source:
         return tuple(dict.fromkeys(chosen.meta.task for chosen in self.episodes))
 
     @property
+    def goals(self) -> dict[str, str]:
+        """Goal of each task as a sentence, in the order of the episodes."""
+        return {chosen.meta.task: chosen.meta.goal for chosen in self.episodes}
+
+    @property
+    def operators(self) -> dict[str, int]:
+        """Number of episodes by who operated the robot."""
+        return dict(Counter(chosen.meta.operator for chosen in self.episodes))
+
+    @property
     def resized(self) -> bool:
         """Whether the pictures are not as collected."""
         return self.size != self.original
 
-    def picture(self, episode: Episode, eye: str, frame: int) -> Image:
+    def picture(self, episode: Episode, camera: str, frame: int) -> Image:
         """One picture (height, width, 3) RGB, at the size wanted."""
-        picture = episode.picture(eye, frame)
+        picture = episode.picture(camera, frame)
         if self.size is None or picture.shape[1::-1] == self.size:
             return picture
         small = cv2.resize(picture, self.size, interpolation=cv2.INTER_AREA)
@@ -140,13 +155,12 @@ def choose(choice: EpisodeSelection) -> Source:
 
 
 def _of_one(root: Path, choice: EpisodeSelection) -> Iterator[SelectedEpisode]:
-    store = Store(root)
-    if store.recipe() is None:
+    if not is_dataset(root):
         raise DatasetError(
             f"no data set in {root}: expected a directory with dataset.json and {EPISODES}/, as "
             "`trill collect` makes"
         )
-    for path in store.files():
+    for path in trial_files(root):
         if path.suffix != ".h5":
             continue
         meta = read_meta(path)
@@ -176,8 +190,7 @@ def _nothing(choice: EpisodeSelection) -> str:
 
 
 def _size(meta: EpisodeMeta) -> tuple[int, int] | None:
-    eyes = meta.recipe.eyes
-    return (eyes.width, eyes.height) if eyes else None
+    return meta.picture_size
 
 
 def _shown(size: tuple[int, int] | None) -> str:
@@ -220,9 +233,9 @@ def reading(chosen: SelectedEpisode) -> Iterator[Episode]:
             stamps = episode.array("time/robot_ns", slice(0, chosen.frames))
         except DAMAGED as error:
             raise _unreadable(chosen, error) from error
-        places = stamps[0] + _PERIOD_NS * np.arange(len(stamps))
+        places = stamps[0] + PERIOD_NS * np.arange(len(stamps))
         worst = int(np.argmax(np.abs(stamps - places)))
-        tolerance = chosen.meta.recipe.physics_steps * _TOLERANCE_NS
+        tolerance = round(chosen.meta.frame_tolerance * 1e9)
         if abs(int(stamps[worst] - places[worst])) > tolerance:
             raise DatasetError(
                 f"{chosen.path}: expected a frame every {1000 / RATE:g} ms, but frame {worst} is "
@@ -231,7 +244,7 @@ def reading(chosen: SelectedEpisode) -> Iterator[Episode]:
             )
         try:
             yield episode
-        except (KeyError, OSError, cv2.error) as error:
+        except (EpisodeError, KeyError, OSError) as error:
             raise _unreadable(chosen, error) from error
 
 
@@ -240,17 +253,6 @@ def _unreadable(chosen: SelectedEpisode, error: Exception) -> DatasetError:
         f"{chosen.path} cannot be exported: {error}; if it is damaged, trill collect --check says "
         "so: move it away, and trill collect makes it again"
     )
-
-
-def goal_of(task: str) -> str:
-    """A task's goal as a sentence.
-
-    Raises:
-        TaskError: there is no such task.
-    """
-    from services.sim.tasks import find_task
-
-    return find_task(task).goal
 
 
 def seeds(chosen: Sequence[SelectedEpisode]) -> str:

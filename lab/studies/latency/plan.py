@@ -2,24 +2,23 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, Literal, Self
+from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from common.errors import ConfigError, explain
 from lab.studies.latency.conditions import BASELINE, Condition
 from lab.trials.provenance import PHYSICS, digest, package_versions
-from lab.trials.stack import TrialSpec
+from lab.trials.spec import TrialSettings, TrialSpec
 from services.sim.tasks import find_task
-from services.teleop.synthetic.traits import OperatorTraits
 
 DEFAULT_TASKS = ("door/unlock", "bench/hammer")
 """The two manipulation tasks in simulation."""
 
 
 @dataclass(frozen=True, order=True)
-class Cell:
-    """One trial's place in the study.
+class TrialKey:
+    """Identifies one trial of the study.
 
     The order is that in which trials are run: a study that was cut off has every condition with
     the same seeds.
@@ -29,30 +28,23 @@ class Cell:
     task: str
     condition: str
 
+    def __str__(self) -> str:
+        return f"{self.task} {self.condition} with seed {self.seed}"
 
-class Plan(BaseModel):
-    """Tasks, conditions and everything both have in common.
+
+class Plan(TrialSettings):
+    """The study's tasks and conditions, and the settings that all trials share.
 
     Attributes:
-        tasks: by name.
-        conditions: that are compared; the same seeds in each.
-        first_seed: of the first episode; the next has the next.
-        traits: of the synthetic operator.
-        torque_mode: torque limits of plant and controller.
-        pace: of the gaits; empty: as the torque mode has it.
-        physics_steps: physics steps a step of the plant's service.
-        versions: of the packages that can change a trial, and a digest of this system's source.
+        tasks: names of the tasks.
+        conditions: the conditions that are compared, with the same seeds in each.
+        first_seed: seed of the first trial of each; the next trial has the next seed.
+        versions: versions of the packages that can change a trial, and a digest of the source.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     tasks: tuple[str, ...] = Field(default=DEFAULT_TASKS, min_length=1)
     conditions: tuple[Condition, ...] = Field(min_length=1)
     first_seed: int = Field(default=0, ge=0)
-    traits: OperatorTraits = OperatorTraits()
-    torque_mode: Literal["relaxed", "rated"] = "relaxed"
-    pace: Literal["", "fast", "normal", "slow", "public"] = ""
-    physics_steps: int = Field(default=1, ge=1, le=5)
     versions: dict[str, str] = Field(default_factory=dict)
 
     @model_validator(mode="after")
@@ -101,22 +93,22 @@ class Plan(BaseModel):
         known = ", ".join(condition.name for condition in self.conditions)
         raise ConfigError(f"no condition {name!r} in this study; expected one of {known}")
 
-    def cells(self, episodes: int) -> Iterator[Cell]:
+    def trials(self, episodes: int) -> Iterator[TrialKey]:
         """Every trial, in the order in which they are run."""
         for seed in range(self.first_seed, self.first_seed + episodes):
             for task in self.tasks:
                 for condition in self.conditions:
-                    yield Cell(seed, task, condition.name)
+                    yield TrialKey(seed, task, condition.name)
 
-    def spec(self, cell: Cell) -> TrialSpec:
-        """The trial of a cell; its links are the condition's alone, not the task's own."""
-        condition = self.condition(cell.condition)
+    def spec(self, key: TrialKey) -> TrialSpec:
+        """The trial of a key; its links are the condition's alone, not the task's own."""
+        condition = self.condition(key.condition)
         return TrialSpec(
-            task=cell.task,
-            seed=cell.seed,
+            task=key.task,
+            seed=key.seed,
             traits=self.traits,
             links=condition.links,
-            mode=self.torque_mode,
+            torque_mode=self.torque_mode,
             pace=self.pace,
             raw_hands=condition.raw_hands,
             physics_steps=self.physics_steps,

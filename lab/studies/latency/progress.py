@@ -1,31 +1,31 @@
-"""How far the study is: a bar on a terminal, a line a trial anywhere else."""
+"""Shows the progress of the study: a bar on a terminal, a line for each trial elsewhere."""
 
 from rich.console import Console
 
 from lab.studies.latency.row import TrialRow
-from lab.studies.latency.run import Standing
+from lab.studies.latency.run import StudyProgress
 from lab.trials.progress import Bar, duration
 
 
 class Display(Bar):
-    """Shows the standing while it changes."""
+    """Shows the progress while it changes."""
 
     def __init__(self, console: Console) -> None:
         super().__init__(console, "trials")
 
-    def tell(self, standing: Standing, row: TrialRow | None) -> None:
-        """Show how it stands; ``row`` is a trial that has just ended."""
-        left = standing.left
+    def update(self, progress: StudyProgress, row: TrialRow | None) -> None:
+        """Show the progress; ``row`` is a trial that has just ended."""
+        left = progress.left
         eta = "" if left is None else f"ETA {duration(left)}"
-        done = len(standing.done)
-        self.show(done, standing.wanted, eta)
+        done = len(progress.done)
+        self.show(done, progress.wanted, eta)
         if row is None:
             return
         text = f"{row.task} {row.condition} seed {row.seed}: {row.verdict} at {row.time:.1f} s"
         if row.verdict != "success":
             text += f": {row.reason}"
         if not self.console.is_terminal:
-            text = f"[{done}/{standing.wanted}] {text}; {eta}"
+            text = f"[{done}/{progress.wanted}] {text}; {eta}"
         elif row.verdict == "success":
             return
         self.say(text)

@@ -15,10 +15,11 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
-from common.files import alone, append_line, write_whole
+from common.files import alone, write_whole
 from lab.errors import LatencyStudyError
 from lab.studies.latency.plan import Plan
 from lab.studies.latency.row import TrialRow
+from lab.trials.results import JsonLines
 
 PLAN, TRIALS, HUMAN, SHEETS = "study.json", "trials.jsonl", "human.jsonl", "tlx"
 _LOCK = ".lock"
@@ -78,32 +79,28 @@ class Store:
         """Trials of the synthetic operator, as they ended.
 
         Raises:
-            LatencyStudyError: a line is wrong; but for a torn last one, which is passed over.
+            LabError: a line is wrong; a torn last line is passed over.
         """
-        return _read(self.root / TRIALS)
+        return self._file(TRIALS).read()
 
     def human_rows(self) -> list[TrialRow]:
         """Trials of persons.
 
         Raises:
-            LatencyStudyError: as for :meth:`rows`.
+            LabError: as for :meth:`rows`.
         """
-        return _read(self.root / HUMAN)
+        return self._file(HUMAN).read()
 
     def add(self, row: TrialRow) -> None:
         """Keep a trial, whatever happens after.
 
         Raises:
-            LatencyStudyError: it cannot be written.
+            LabError: it cannot be written.
         """
-        path = self.root / (TRIALS if row.operator == "synthetic" else HUMAN)
-        try:
-            append_line(path, row.model_dump_json())
-        except OSError as error:
-            raise LatencyStudyError(
-                f"cannot write {path}: {error.strerror}; what was there is kept: mend it and give "
-                "the same command again"
-            ) from error
+        self._file(TRIALS if row.operator == "synthetic" else HUMAN).append(row)
+
+    def _file(self, name: str) -> JsonLines[TrialRow]:
+        return JsonLines(self.root / name, TrialRow)
 
     @contextmanager
     def _disk(self) -> Iterator[None]:
@@ -125,21 +122,3 @@ class Store:
             raise LatencyStudyError(f"cannot read {path}: {error.strerror}") from error
         except ValidationError as error:
             raise LatencyStudyError(f"{path}: {explain(error)}") from error
-
-
-def _read(path: Path) -> list[TrialRow]:
-    rows: list[TrialRow] = []
-    try:
-        text = path.read_bytes()
-    except FileNotFoundError:
-        return rows
-    # What follows the last line feed is a line that was being written when the process was killed.
-    for number, line in enumerate(text.split(b"\n")[:-1], start=1):
-        try:
-            rows.append(TrialRow.model_validate_json(line))
-        except ValidationError as error:
-            raise LatencyStudyError(
-                f"{path} line {number} is no trial: {explain(error)}; remove the line and give "
-                "the same command again to have the trial run anew"
-            ) from error
-    return rows

@@ -114,7 +114,7 @@ class Ratings(_Record):
         return value
 
 
-class EpisodeSelection(_Record):
+class PairChoice(_Record):
     """Which of two scales contributed more; ``pair`` as they were shown, first and second."""
 
     pair: tuple[Scale, Scale]
@@ -148,7 +148,7 @@ class AnswerSheet(_Record):
     seeds: tuple[Annotated[int, Field(ge=0)], ...] = ()
     date: AwareDatetime
     ratings: Ratings
-    choices: tuple[EpisodeSelection, ...] = ()
+    choices: tuple[PairChoice, ...] = ()
     remarks: str = Field(default="", max_length=4000)
 
     @model_validator(mode="after")

@@ -9,9 +9,10 @@ from lab.errors import LatencyStudyError, StoppedError
 from lab.studies.latency.conditions import COMMAND_INPUT, FEEDBACK_INPUT
 from lab.studies.latency.latencies import Latencies
 from lab.studies.latency.motion import Motion
-from lab.studies.latency.plan import Cell, Plan, source
+from lab.studies.latency.plan import Plan, TrialKey, source
 from lab.studies.latency.row import TrialRow, judged, link_take
-from lab.trials.stack import TaskStack, TrialResult
+from lab.trials.spec import TrialResult
+from lab.trials.stack import TaskStack
 from lab.trials.workers import stop_wanted
 from services.sim.tasks import find_task
 
@@ -37,11 +38,11 @@ class Measurer:
         self.motion.told(setpoint)
 
 
-def run_cell(plan: Plan, cell: Cell) -> TrialRow:
-    """Run one trial; one whose simulation fails has the verdict ``error``.
+def run_study_trial(plan: Plan, key: TrialKey) -> TrialRow:
+    """Run one trial and measure it; if its simulation fails the verdict is ``error``.
 
     Raises:
-        StoppedError: an end is wanted meanwhile.
+        StoppedError: the worker is to end meanwhile.
         LatencyStudyError: this process runs other code than the study was begun with.
     """
     here = source()
@@ -51,7 +52,7 @@ def run_cell(plan: Plan, cell: Cell) -> TrialRow:
             f"{here}; undo the edit and give the same command again, or choose another --out"
         )
     began = perf_counter()
-    stack = TaskStack(plan.spec(cell), journal=True)
+    stack = TaskStack(plan.spec(key), journal=True)
     measurer = Measurer(stack)
     try:
         result = stack.run()
@@ -62,12 +63,12 @@ def run_cell(plan: Plan, cell: Cell) -> TrialRow:
         result, failed = None, f"{type(error).__name__}: {error}"[:400]
     finally:
         stack.runner.close()
-    condition = plan.condition(cell.condition)
+    condition = plan.condition(key.condition)
     measured = {
-        "task": cell.task,
-        "condition": cell.condition,
-        "seed": cell.seed,
-        "limit": find_task(cell.task).limit,
+        "task": key.task,
+        "condition": key.condition,
+        "seed": key.seed,
+        "limit": find_task(key.task).limit,
         "command": link_take(measurer.latencies, condition, COMMAND_INPUT),
         "feedback": link_take(measurer.latencies, condition, FEEDBACK_INPUT),
         "hand_path": measurer.motion.hand_path,

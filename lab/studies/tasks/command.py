@@ -4,14 +4,19 @@ import argparse
 import sys
 from pathlib import Path
 
+from rich.console import Console
+
 from common.errors import ConfigError, TrillError
 from common.runtime.live.main import OptionFormatter
+from lab.errors import LabError
 from lab.studies.tasks.table import line, summary
-from lab.trials.campaign import ResultStore, run_campaign
-from lab.trials.links import HELP, chosen_links
-from lab.trials.stack import TrialResult, TrialSpec
+from lab.trials import options
+from lab.trials.executors import open_executor
+from lab.trials.links import chosen_links
+from lab.trials.progress import Bar
+from lab.trials.results import TrialFile, run_trials
+from lab.trials.spec import TrialResult, TrialSpec
 from services.sim.tasks import all_tasks
-from services.teleop.synthetic.traits import TRAITS
 
 EXAMPLES = """examples:
   python -m lab.studies.tasks run door/unlock --seeds 0:25 --jobs 2
@@ -27,22 +32,6 @@ given.
 The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong, 130 after
 Ctrl-C.
 """
-
-
-def seed_range(text: str) -> range:
-    """``7`` or ``0:25`` (the end is not included).
-
-    Raises:
-        argparse.ArgumentTypeError: neither of these.
-    """
-    first, colon, last = text.partition(":")
-    try:
-        seeds = range(int(first), int(last) if colon else int(first) + 1)
-    except ValueError:
-        seeds = range(0)
-    if not seeds or seeds.start < 0:
-        raise argparse.ArgumentTypeError(f"expected a seed or a range like 0:25, got {text!r}")
-    return seeds
 
 
 def parser() -> argparse.ArgumentParser:
@@ -61,8 +50,8 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=OptionFormatter,
     )
     run.add_argument("task", choices=["all", *all_tasks()], help="which task")
-    run.add_argument("--seeds", type=seed_range, default="0:5", help="for instance 0:25")
-    run.add_argument("--jobs", type=int, default=1, help="trials at a time")
+    run.add_argument("--seeds", type=options.seed_range, default="0:5", help="for instance 0:25")
+    options.add_executor_options(run, default_jobs="1")
     run.add_argument(
         "--out",
         type=Path,
@@ -78,7 +67,9 @@ def parser() -> argparse.ArgumentParser:
         formatter_class=OptionFormatter,
     )
     film.add_argument("task", choices=["all", *all_tasks()], help="which task")
-    film.add_argument("--seeds", type=seed_range, default="0:5", help="for instance 7 or 0:5")
+    film.add_argument(
+        "--seeds", type=options.seed_range, default="0:5", help="for instance 7 or 0:5"
+    )
     film.add_argument("--view", type=int, choices=[0, 1, 2], help="one of the scene's cameras")
     film.add_argument(
         "--out", type=Path, default=Path("runs/studies/films"), help="directory, or a file's name"
@@ -87,28 +78,9 @@ def parser() -> argparse.ArgumentParser:
     return main
 
 
-def _trial_options(run: argparse.ArgumentParser) -> None:
-    """Options about a trial itself."""
-    run.add_argument("--traits", choices=list(TRAITS), default="practised", help="of the operator")
-    run.add_argument(
-        "--link",
-        action="append",
-        default=[],
-        metavar="NAME=SPEC",
-        help=HELP,
-    )
-    paces = ["fast", "normal", "slow", "public"]
-    run.add_argument("--pace", choices=paces, default="", help="of the gaits")
-    run.add_argument("--torque-mode", choices=["relaxed", "rated"], default="relaxed")
-    run.add_argument("--raw-hands", action="store_true", help="no interpolation of the hands")
-    run.add_argument(
-        "--physics-steps",
-        type=int,
-        choices=range(1, 11),
-        metavar="N",
-        default=1,
-        help="per step of the plant's service, 1 to 10; more: faster",
-    )
+def _trial_options(parser: argparse.ArgumentParser) -> None:
+    options.add_trial_options(parser)
+    options.add_link_options(parser)
 
 
 def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
@@ -117,19 +89,10 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
     Raises:
         ConfigError: a link is not understood.
     """
-    links = chosen_links(arguments.link)
+    links, settings = chosen_links(arguments.link), options.trial_settings(arguments)
     tasks = list(all_tasks()) if arguments.task == "all" else [arguments.task]
     return [
-        TrialSpec(
-            task=task,
-            seed=seed,
-            traits=TRAITS[arguments.traits],
-            links=links,
-            mode=arguments.torque_mode,
-            pace=arguments.pace,
-            raw_hands=arguments.raw_hands,
-            physics_steps=arguments.physics_steps,
-        )
+        TrialSpec(task=task, seed=seed, links=links, raw_hands=arguments.raw_hands, **settings)
         for task in tasks
         for seed in arguments.seeds
     ]
@@ -137,37 +100,32 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the trials with a progress bar, print the table; 0 if all were a success."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+    trials = specs(arguments)
+    try:
+        file = TrialFile(arguments.out)
+    except LabError as error:
+        raise ConfigError(f"--out: {error}") from error
+    count = sum(file.result(trial) is not None for trial in trials)
+    with Bar(Console(stderr=True), "trials") as bar:
+        if count:
+            bar.say(f"{count} of {len(trials)} trials are in {file.path} already")
+        if file.other_code:
+            bar.say(f"{file.other_code} trials in {file.path} were run by other code: not used")
+        bar.show(count, len(trials), "")
 
-    trials, kept = specs(arguments), ResultStore(arguments.out)
-    console = Console(stderr=True)
-    there = sum(kept.of(trial) is not None for trial in trials)
-    count = there
-
-    def say(text: str) -> None:
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
-
-    with Progress(
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    ) as progress:
-        bar = progress.add_task("trials", total=len(trials), completed=there)
-
-        def tell(result: TrialResult) -> None:
+        def on_result(result: TrialResult) -> None:
             nonlocal count
             count += 1
-            progress.advance(bar)
-            say(f"[{count}/{len(trials)}] {line(result)}")
+            bar.show(count, len(trials), "")
+            bar.say(f"[{count}/{len(trials)}] {line(result)}")
 
-        if there:
-            say(f"{there} of {len(trials)} trials are in {kept.path} already")
-        if kept.strange:
-            say(f"{kept.strange} trials in {kept.path} were run by other code and do not count")
-        results = run_campaign(trials, kept, arguments.jobs, tell, say)
+        results = run_trials(
+            trials,
+            file,
+            lambda: open_executor(arguments.jobs, arguments.ray),
+            on_result=on_result,
+            on_message=bar.say,
+        )
     print(summary(results))
     return 0 if all(result.verdict == "success" for result in results) else 1
 

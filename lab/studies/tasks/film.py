@@ -13,7 +13,8 @@ from lab.review.film import Film, gather
 from lab.review.frames import Image
 from lab.review.task_sheet import TILE, headline, task_sheet
 from lab.trials.links import links_words
-from lab.trials.stack import TaskStack, TrialResult, TrialSpec
+from lab.trials.spec import TrialResult, TrialSpec
+from lab.trials.stack import TaskStack
 from services.sim.rendering.cameras import CameraConfig, StereoRenderer
 from services.sim.scenes import find_scene
 

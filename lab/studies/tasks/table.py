@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from lab.trials.links import links_words
-from lab.trials.stack import TrialResult
+from lab.trials.spec import TrialResult
 
 
 def line(result: TrialResult) -> str:

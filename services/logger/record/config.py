@@ -14,7 +14,7 @@ class LoggerConfig(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    compression: Literal["zstd", "lz4", "none"] = "zstd"
+    compression: Literal["zstd", "lz4", "none"] = Field(default="zstd", description="of the chunks")
     chunk_size: int = Field(
         default=1024 * 1024, ge=1024, description="a chunk is closed at this size [bytes]"
     )

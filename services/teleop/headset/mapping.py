@@ -48,7 +48,9 @@ class MapperConfig(BaseModel):
     box_low: tuple[float, float, float] = Field(
         default=(0.15, -0.10, -0.15), description="of the left hand in the body frame [m]"
     )
-    box_high: tuple[float, float, float] = (0.56, 0.45, 0.40)
+    box_high: tuple[float, float, float] = Field(
+        default=(0.56, 0.45, 0.40), description="likewise, the opposite corner [m]"
+    )
 
 
 class Button(Enum):

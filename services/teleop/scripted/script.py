@@ -61,7 +61,10 @@ class HandPose(_Part):
     """
 
     position: tuple[float, float, float] = Field(description="[m]")
-    rotation: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
+    rotation: tuple[float, float, float] | None = Field(
+        default=(0.0, 0.0, 0.0),
+        description="roll, pitch, yaw [rad]; null: keeps the orientation it has",
+    )
 
     def quaternion(self) -> Array | None:
         """The orientation (4,), or None to keep the present one."""
@@ -80,15 +83,15 @@ class Wait(_Part):
     """Do nothing for a while."""
 
     do: Literal["wait"] = "wait"
-    seconds: Seconds
+    seconds: Seconds = Field(description="how long [s]")
 
 
 class Move(_Part):
     """Bring one or both hands to poses along minimum-jerk paths, slower than asked if too fast."""
 
     do: Literal["move"] = "move"
-    left: HandPose | None = None
-    right: HandPose | None = None
+    left: HandPose | None = Field(default=None, description="where the left hand goes")
+    right: HandPose | None = Field(default=None, description="where the right hand goes")
     duration: Seconds = Field(default=2.0, description="at least this long [s]")
 
     @model_validator(mode="after")
@@ -102,11 +105,11 @@ class Sine(_Part):
     """Swing one hand about where it is; the swing fades in and out over a quarter of the time."""
 
     do: Literal["sine"] = "sine"
-    hand: Side
-    axis: Literal["x", "y", "z"]
+    hand: Side = Field(description="which hand swings")
+    axis: Literal["x", "y", "z"] = Field(description="of the body frame")
     amplitude: float = Field(gt=0.0, le=0.2, description="[m]")
     frequency: float = Field(default=0.5, gt=0.0, le=2.0, description="[Hz]")
-    duration: Seconds = 4.0
+    duration: Seconds = Field(default=4.0, description="[s]")
 
     @model_validator(mode="after")
     def _within_speed(self) -> "Sine":
@@ -123,8 +126,8 @@ class Grip(_Part):
     """Open (0) or close (1) grippers, and wait until their targets are there."""
 
     do: Literal["grip"] = "grip"
-    left: float | None = Field(default=None, ge=0.0, le=1.0)
-    right: float | None = Field(default=None, ge=0.0, le=1.0)
+    left: float | None = Field(default=None, ge=0.0, le=1.0, description="closure; null: as it is")
+    right: float | None = Field(default=None, ge=0.0, le=1.0, description="likewise")
 
 
 class Neck(_Part):
@@ -138,8 +141,8 @@ class Walk(_Part):
     """Request a gait and wait until it is completed, ``count`` times."""
 
     do: Literal["gait"] = "gait"
-    gait: GaitName
-    count: int = Field(default=1, ge=1, le=1000)
+    gait: GaitName = Field(description="its name, in lower or upper case; not none")
+    count: int = Field(default=1, ge=1, le=1000, description="times in a row")
 
     @model_validator(mode="after")
     def _goes_somewhere(self) -> "Walk":
@@ -152,7 +155,7 @@ class Mark(_Part):
     """Name what follows, in the operator's status and its log."""
 
     do: Literal["mark"] = "mark"
-    label: str = Field(max_length=200)
+    label: str = Field(max_length=200, description="shown in the status and the log")
 
 
 class Together(_Part):
@@ -162,7 +165,7 @@ class Together(_Part):
     """
 
     do: Literal["together"] = "together"
-    lanes: tuple[tuple["Step", ...], ...]
+    lanes: tuple[tuple["Step", ...], ...] = Field(description="lists of steps")
 
     @model_validator(mode="after")
     def _lanes_disjoint(self) -> "Together":
@@ -203,8 +206,8 @@ def parts_used(step: Step) -> set[str]:
 class Script(_Part):
     """A named list of steps."""
 
-    name: str = Field(max_length=64)
-    steps: tuple[Step, ...]
+    name: str = Field(max_length=64, description="shown in the status")
+    steps: tuple[Step, ...] = Field(description="played one after the other")
 
 
 def load_script(path: Path) -> Script:

@@ -15,7 +15,7 @@ class OperatorTraits(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    name: str = Field(default="practised", max_length=40)
+    name: str = Field(default="practised", max_length=40, description="of this kind of operator")
     reaction: float = Field(default=0.22, gt=0.0, description="median reaction time [s]")
     reaction_spread: float = Field(default=0.25, ge=0.0, description="of its logarithm")
     reach_speed: float = Field(default=0.22, gt=0.0, description="mean speed of a reach [m/s]")

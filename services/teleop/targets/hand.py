@@ -49,10 +49,15 @@ class TargetLimits(BaseModel):
     neck_speed: float = Field(default=1.0, gt=0.0, description="[rad/s]")
     lead_distance: float = Field(default=0.08, gt=0.0, description="of a stepped goal [m]")
     lead_angle: float = Field(default=0.4, gt=0.0, description="of a stepped goal [rad]")
-    box_low: tuple[float, float, float] = (0.15, -0.10, -0.2 + BASE_COM_HEIGHT)
-    box_high: tuple[float, float, float] = (0.56, 0.45, 0.40)
-    neck_low: float = JOINTS[NECK.start].lower
-    neck_high: float = JOINTS[NECK.start].upper
+    box_low: tuple[float, float, float] = Field(
+        default=(0.15, -0.10, -0.2 + BASE_COM_HEIGHT),
+        description="of the left hand in the body frame [m]",
+    )
+    box_high: tuple[float, float, float] = Field(
+        default=(0.56, 0.45, 0.40), description="likewise, the opposite corner [m]"
+    )
+    neck_low: float = Field(default=JOINTS[NECK.start].lower, description="highest look [rad]")
+    neck_high: float = Field(default=JOINTS[NECK.start].upper, description="lowest look [rad]")
 
     def clamp(self, side: str, position: Array) -> Array:
         """``position`` (3,) [m] moved into the workspace box of hand ``side``."""

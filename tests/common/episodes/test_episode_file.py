@@ -58,7 +58,7 @@ def test_the_file_explains_itself_to_any_hdf5_reader(tmp_path: Path) -> None:
         assert poses.attrs["frame"] == BODY_FRAME
         assert poses.attrs["unit"].startswith("m")
         assert list(poses.attrs["names"])[14] == "left_hand.x"
-        assert '"synthetic":true' in file.attrs["meta"]
+        assert '"operator":"synthetic"' in file.attrs["meta"]
         for column in COLUMNS:
             assert file[column.path].attrs["doc"]
 

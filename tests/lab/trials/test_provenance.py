@@ -12,12 +12,12 @@ from lab.trials.provenance import ROOT, closure, digest, revision
 WORK = """
 import sys
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.recipe import Recipe
+from lab.demonstrations.collect.config import EpisodeConfig
 import services.sim.physics.plant as plant, dataclasses
 found = plant.find_task
 plant.find_task = lambda name: dataclasses.replace(found(name), limit=0.3)
 for task in ("door/unlock", "bench/hammer"):
-    make_episode(Recipe(task=task, physics_steps=5, eyes=None, keep_failures=True), 0)
+    make_episode(EpisodeConfig(task=task, physics_steps=5, pictures=None, keep_failures=True), 0)
 for name in sorted(sys.modules):
     if name.split(".")[0] in ("common", "services", "lab", "deploy"): print(name)
 """

@@ -3,7 +3,8 @@
 import pytest
 
 from lab.studies.tasks.table import line
-from lab.trials.stack import TaskStack, TrialSpec
+from lab.trials.spec import TrialSpec
+from lab.trials.stack import TaskStack
 from services.sim.tasks import all_tasks
 
 SEEDS = {"hardware/cap": 34}
@@ -12,7 +13,8 @@ SEEDS = {"hardware/cap": 34}
 
 @pytest.mark.parametrize("task", list(all_tasks()))
 def test_the_operator_does_the_task(task: str) -> None:
-    stack = TaskStack(TrialSpec(task, SEEDS.get(task, 0), links={}, physics_steps=5))
+    seed = SEEDS.get(task, 0)
+    stack = TaskStack(TrialSpec(task=task, seed=seed, links={}, physics_steps=5))
     result = stack.run()
     assert result.verdict == "success", line(result)
     assert result.stages == tuple(stage.name for stage in all_tasks()[task].stages)

@@ -1,4 +1,4 @@
-"""Workers that are killed or stopped: the others go on, it is told, another takes the place."""
+"""Workers that are killed or stopped: the others go on, a message says so, another replaces it."""
 
 import os
 import signal
@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.trials.workers import Workers, stop_wanted, surroundings
+from lab.trials.workers import LocalExecutor, stop_wanted, worker_environment
 
 
 def pid() -> int:
@@ -24,7 +24,7 @@ def busy(seconds: float) -> int:
 
 
 def test_one_that_is_killed_is_lost_alone_and_replaced() -> None:
-    workers = Workers(2)
+    workers = LocalExecutor(2)
     try:
         first, second = workers.submit(busy, 600.0), workers.submit(pid)
         survivor = second.result(60.0)
@@ -40,7 +40,7 @@ def test_one_that_is_killed_is_lost_alone_and_replaced() -> None:
 
 
 def test_one_that_is_stopped_is_told_then_killed() -> None:
-    workers = Workers(1, silence=2.0, patience=10.0)
+    workers = LocalExecutor(1, silence=2.0, patience=10.0)
     try:
         future = workers.submit(busy, 600.0)
         while workers._workers[0]._beats.value < 10:
@@ -58,7 +58,7 @@ def test_one_that_is_stopped_is_told_then_killed() -> None:
 
 
 def test_the_end_waits_for_nobody_who_is_stopped() -> None:
-    workers = Workers(1)
+    workers = LocalExecutor(1)
     stopped = workers.submit(pid).result(60.0)
     workers.submit(busy, 600.0)
     os.kill(stopped, signal.SIGSTOP)
@@ -79,7 +79,7 @@ def test_ctrl_c_waits_until_a_worker_has_begun() -> None:
 
     thread = threading.Thread(target=take)
     thread.start()
-    with pytest.raises(KeyboardInterrupt), surroundings():  # noqa: PT012
+    with pytest.raises(KeyboardInterrupt), worker_environment():  # noqa: PT012
         go.set()
         thread.join()
         reached = True

@@ -8,10 +8,12 @@ from common.errors import ConfigError
 from common.links.spec import LinkSpec
 from common.schemas import LinkChange, Setpoint, TaskVerdict
 from common.topics import LINK_CHANGE, TELEOP_SETPOINT
-from lab.studies.tasks.command import main, seed_range
+from lab.studies.tasks.command import main
 from lab.studies.tasks.table import line, summary
 from lab.trials.links import chosen_links
-from lab.trials.stack import TaskStack, TrialResult, TrialSpec
+from lab.trials.options import seed_range
+from lab.trials.spec import TrialResult, TrialSpec
+from lab.trials.stack import TaskStack
 from services.sim.tasks import find_task
 
 
@@ -20,13 +22,15 @@ def unlocked(seed: int, repeat: int = 0, link: str = "") -> tuple[TrialResult, s
     """One door; ``repeat`` sets repetitions of the same trial apart."""
     assert repeat >= 0
     links = {"both": link} if link else None
-    stack = TaskStack(TrialSpec("door/unlock", seed, links=links, physics_steps=5), record=True)
+    stack = TaskStack(
+        TrialSpec(task="door/unlock", seed=seed, links=links, physics_steps=5), record=True
+    )
     return stack.run(), stack.runner.digest()
 
 
 def furthest_right(seed: int) -> float:
     """How far before the body the right hand was sent [m]."""
-    stack = TaskStack(TrialSpec("door/unlock", seed, physics_steps=5))
+    stack = TaskStack(TrialSpec(task="door/unlock", seed=seed, physics_steps=5))
     furthest = [0.0]
 
     def note(setpoint: Setpoint) -> None:
@@ -70,7 +74,13 @@ def test_with_a_quarter_of_a_second_each_way_it_takes_longer() -> None:
 def result(seed: int, verdict: TaskVerdict, time: float) -> TrialResult:
     name = verdict.name.lower()
     return TrialResult(
-        *("door/walk", seed, name, time, f"it was a {name}", "", "", (), 10.0, 5.0),
+        task="door/walk",
+        seed=seed,
+        verdict=name,
+        time=time,
+        reason=f"it was a {name}",
+        simulated=10.0,
+        wall=5.0,
         links={"both": "250ms"} if seed else {},
     )
 
@@ -97,7 +107,7 @@ def test_seeds_are_one_or_a_range() -> None:
 
 def injected(task: str, links: dict[str, str] | None) -> dict[str, str]:
     """What the runner of a trial really delays: ``consumer:topic`` to specification."""
-    stack = TaskStack(TrialSpec(task, 0, links=links, physics_steps=5))
+    stack = TaskStack(TrialSpec(task=task, seed=0, links=links, physics_steps=5))
     told: list[LinkChange] = []
     stack.runner.on_message(LINK_CHANGE, told.append)
     try:

@@ -4,20 +4,23 @@ import hashlib
 import random
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from common.episodes.columns import COLUMNS, Rows
 from common.episodes.episode_file import EpisodeMeta, to_bytes
 from lab.demonstrations.collect.collect import collect
+from lab.demonstrations.collect.config import EpisodeConfig, collecting_code
 from lab.demonstrations.collect.episode import EpisodeResult
-from lab.demonstrations.collect.recipe import EpisodeConfig, source, versions
 from lab.demonstrations.collect.store import Store
 
 FAILING = {1, 4, 5, 6, 11}
-RECIPE = EpisodeConfig(task="door/unlock", physics_steps=5, eyes=None)
+CONFIG = EpisodeConfig(task="door/unlock", physics_steps=5, pictures=None)
+CODE = collecting_code()
 
 
 def rows(frames: int = 4, seed: int = 0) -> Rows:
@@ -33,7 +36,9 @@ def rows(frames: int = 4, seed: int = 0) -> Rows:
 
 def meta(seed: int, verdict: str = "success", frames: int = 4) -> EpisodeMeta:
     return EpisodeMeta(
+        operator="synthetic",
         task="door/unlock",
+        goal="Unlock the door.",
         seed=seed,
         verdict=verdict,
         reason=f"{verdict} it was",
@@ -42,9 +47,10 @@ def meta(seed: int, verdict: str = "success", frames: int = 4) -> EpisodeMeta:
         frames=frames,
         stages=(),
         gave_up="",
-        recipe=RECIPE,
-        versions=versions(),
-        source=source(),
+        picture_size=None,
+        origin=CONFIG.origin(),
+        versions=CODE.versions,
+        source=CODE.source,
     )
 
 
@@ -55,7 +61,7 @@ def made(seed: int, verdict: str = "success") -> EpisodeResult:
     return EpisodeResult(about, content, simulated=6.0, wall=2.0)
 
 
-class FakeCrew:
+class FakeExecutor:
     """Threads that take random times; which seeds succeed is settled beforehand.
 
     The first ``together`` trials only end once all of them have begun.
@@ -71,7 +77,9 @@ class FakeCrew:
         self._together, self._barrier = together, threading.Barrier(together)
         self._pool = ThreadPoolExecutor(jobs)
 
-    def submit(self, seed: int) -> "Future[EpisodeResult]":
+    def submit(self, work: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+        (key,) = arguments
+        seed = key.seed
         self.given.append(seed)
         first = len(self.given) <= self._together
         return self._pool.submit(self._work, seed, first, self._haste.uniform(0.0, 0.01))
@@ -99,8 +107,8 @@ def digests(root: Path) -> dict[str, str]:
     }
 
 
-def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeCrew:
-    """Collect with an invented crew, in which the seeds ``FAILING`` are no success."""
-    crew = FakeCrew(jobs, FAILING, haste)
-    collect(RECIPE, Store(root), lambda: crew, wanted=wanted, max_trials=most)
-    return crew
+def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeExecutor:
+    """Collect with an invented executor, in which the seeds ``FAILING`` are no success."""
+    executor = FakeExecutor(jobs, FAILING, haste)
+    collect(CONFIG, Store(root), lambda: executor, wanted=wanted, max_trials=most)
+    return executor

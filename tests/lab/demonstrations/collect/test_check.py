@@ -9,16 +9,22 @@ import numpy as np
 import pytest
 
 from common.episodes.columns import Rows
-from common.episodes.episode_file import to_bytes
+from common.episodes.episode_file import EpisodeMeta, to_bytes
 from lab.cli.main import main
 from lab.demonstrations.collect.check import check
-from lab.demonstrations.collect.dataset import Build
-from lab.demonstrations.collect.recipe import Eyes
+from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
 from lab.demonstrations.collect.store import Store
-from tests.lab.demonstrations.collect.support import RECIPE, meta, rows
+from tests.lab.demonstrations.collect.support import CODE, CONFIG, meta, rows
 
 FRAMES = 6
-PICTURED = RECIPE.model_copy(update={"eyes": Eyes(width=32, height=16)})
+PICTURED = CONFIG.model_copy(update={"pictures": PictureConfig(width=32, height=16)})
+
+
+def about(config: EpisodeConfig, seed: int, verdict: str, **changes: object) -> EpisodeMeta:
+    """Metadata of an episode made with ``config``."""
+    size = None if config.pictures is None else (config.pictures.width, config.pictures.height)
+    given = {"origin": config.origin(), "picture_size": size, **changes}
+    return meta(seed, verdict, FRAMES).model_copy(update=given)
 
 
 def whole(seed: int) -> Rows:
@@ -26,7 +32,7 @@ def whole(seed: int) -> Rows:
     made = rows(FRAMES, seed)
     now = [50_000_000 * (i + 3) for i in range(FRAMES)]
     made.rows["time/robot_ns"] = list(now)
-    for name in ("state", "controller", "truth", "seen"):
+    for name in ("state", "controller", "picture", "truth", "seen"):
         made.rows[f"time/{name}_ns"] = [stamp - 5_000_000 for stamp in now]
     unit = [1.0, 0.0, 0.0, 0.0]
     made.rows["observation/poses"] = [np.array([0.1, 0.2, 0.3, *unit] * 4)] * FRAMES
@@ -41,11 +47,11 @@ def store(tmp_path: Path) -> Store:
     made = Store(tmp_path)
     _, jpeg = cv2.imencode(".jpg", np.full((16, 32, 3), 90, dtype=np.uint8))
     eyes = {eye: [jpeg.tobytes()] * FRAMES for eye in ("left", "right")}
-    with made.writing(PICTURED, Build.here()):
+    with made.writing(PICTURED, CODE):
         for seed, verdict in ((0, "success"), (1, "failure"), (2, "success")):
-            about = meta(seed, verdict, FRAMES).model_copy(update={"recipe": PICTURED})
-            content = to_bytes(about, whole(seed), eyes) if verdict == "success" else None
-            made.add(about, content)
+            of = about(PICTURED, seed, verdict)
+            content = to_bytes(of, whole(seed), eyes) if verdict == "success" else None
+            made.add(of, content)
     return made
 
 
@@ -86,8 +92,8 @@ def _gone(file: h5py.File) -> None:
         (put("time/state_ns", (3,), 7), "time/state_ns goes back in frame 3"),
         (put("time/seen_ns", (5,), 1e12), "time/seen_ns is of the future in frame 5"),
         (_shorter, "action/neck: expected <f8 (6,), got <f8 (5,)"),
-        (_spoilt, "right eye, frame 3: no picture"),
-        (_gone, "has no pictures, against its recipe"),
+        (_spoilt, "right camera, frame 3: no picture"),
+        (_gone, "has no pictures, against its metadata"),
     ],
 )
 def test_damage_is_told_with_file_and_frame(
@@ -132,14 +138,14 @@ def test_an_index_that_is_no_text_is_told(store: Store) -> None:
 
 
 def test_robot_time_in_steps_that_do_not_fit_is_right(tmp_path: Path) -> None:
-    for steps, unevenness in ((3, 0), (5, 1)):
-        recipe = RECIPE.model_copy(update={"physics_steps": steps})
-        about = meta(0, "success", FRAMES).model_copy(update={"recipe": recipe})
+    for steps, tolerance, unevenness in ((3, 0.003, 0), (5, 0.0, 1)):
+        config = CONFIG.model_copy(update={"physics_steps": steps})
+        of = about(config, 0, "success", frame_tolerance=tolerance)
         given = whole(0)
         given.rows["time/robot_ns"] = [(50 * (i + 3)) // 3 * 3_000_000 for i in range(FRAMES)]
         store = Store(tmp_path / f"{steps}")
-        with store.writing(recipe, Build.here()):
-            store.add(about, to_bytes(about, given, {}))
+        with store.writing(config, CODE):
+            store.add(of, to_bytes(of, given, {}))
         assert sum("expected 50" in text for text in check(store)) == unevenness
 
 
@@ -167,8 +173,8 @@ def test_the_index_and_the_files_are_compared(
 
 
 def test_flags_that_contradict(store: Store) -> None:
-    about = meta(2, "failure", FRAMES).model_copy(update={"recipe": PICTURED, "source": ""})
-    (store.root / "episodes" / "000002.h5").write_bytes(to_bytes(about, whole(2), {}))
+    of = about(PICTURED, 2, "failure", source="")
+    (store.root / "episodes" / "000002.h5").write_bytes(to_bytes(of, whole(2), {}))
     store.write_index(store.scan())
     found = "\n".join(check(store))
     assert "kept, but its verdict is failure" in found

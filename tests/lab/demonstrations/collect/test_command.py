@@ -14,7 +14,7 @@ from lab.cli.main import main
 from lab.demonstrations.collect.collect import collect
 from lab.demonstrations.collect.episode import make_episode
 from lab.demonstrations.collect.store import Store
-from tests.lab.demonstrations.collect.support import RECIPE, FakeCrew
+from tests.lab.demonstrations.collect.support import CONFIG, FakeExecutor
 
 ROOT = Path(__file__).resolve().parents[4]
 LONG = 240.0
@@ -84,7 +84,7 @@ def test_ended_killed_and_resumed_it_comes_to_the_same_bytes(tmp_path: Path) -> 
     assert lines == store.index()
     assert len(lines) >= 2
     for line in lines:
-        undisturbed = make_episode(RECIPE, line.meta.seed)
+        undisturbed = make_episode(CONFIG, line.meta.seed)
         assert line.meta == undisturbed.meta
         assert not line.kept or (out / line.file).read_bytes() == undisturbed.content
     assert {path.name for path in out.iterdir()} == {
@@ -113,9 +113,7 @@ def test_the_command_line_is_there_without_what_collecting_needs() -> None:
     [
         ([], "expected a task"),
         (["door/unlock", "--info", "x"], "expected a task"),
-        (["door/unlock", "--traits", "drunk"], "practised"),
-        (["door/unlock", "--width", "3"], "eyes.width"),
-        (["door/unlock", "--pace", "sprint"], "pace"),
+        (["door/unlock", "--width", "3"], "pictures.width"),
         (["door/unlock", "--link", "nowhere=250ms"], "nowhere"),
         (["door/unlock", "--sheet", "a.png"], "--info"),
         (["--info", "x", "--episode", "3"], "give both"),
@@ -130,11 +128,25 @@ def test_wrong_options_are_refused(
     assert not (tmp_path / "d").exists()
 
 
-def test_a_seed_is_a_number_from_0_up(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--seed", "-1", "expected a number from 0 up, got '-1'"),
+        ("--jobs", "0", "expected a number from 1 up, got '0'"),
+        ("--traits", "drunk", "practised"),
+        ("--pace", "sprint", "public"),
+        ("--physics-steps", "11", "invalid choice"),
+    ],
+)
+def test_wrong_values_are_refused(
+    option: str, value: str, words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as ended:
-        main(["collect", "door/unlock", "--seed", "-1"])
+        main(["collect", "door/unlock", option, value])
     assert ended.value.code == 2
-    assert "--seed: expected a seed from 0 up, got '-1'" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert option in said
+    assert words in said
 
 
 def test_an_unknown_task_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -143,7 +155,7 @@ def test_an_unknown_task_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_info_and_reindex(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, {1, 2}), wanted=3)
+    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, {1, 2}), wanted=3)
     (tmp_path / "index.jsonl").unlink()
     assert main(["collect", "--info", str(tmp_path)]) == 1
     assert "--reindex" in capsys.readouterr().err

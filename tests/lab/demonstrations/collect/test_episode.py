@@ -18,27 +18,26 @@ from common.schemas import PlantState, Setpoint
 from common.topics import PLANT_STATE, TELEOP_SETPOINT
 from common.wire.codec import decode
 from lab.demonstrations.collect.check import check
-from lab.demonstrations.collect.dataset import Build
+from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
 from lab.demonstrations.collect.episode import EpisodeResult, make_episode
 from lab.demonstrations.collect.info import sheet
-from lab.demonstrations.collect.recipe import EpisodeConfig, Eyes
 from lab.demonstrations.collect.store import Store
 from lab.errors import StoppedError
 from lab.trials.stack import TaskStack
 from services.sim.errors import RenderingUnavailableError, SimError
 from services.sim.tasks import find_task
-from tests.lab.demonstrations.collect.support import RECIPE
+from tests.lab.demonstrations.collect.support import CODE, CONFIG
 
-BEGUN = RECIPE.model_copy(update={"keep_failures": True})
+BEGUN = CONFIG.model_copy(update={"keep_failures": True})
 """Only the first two seconds: enough for what does not depend on the end."""
 LATE = BEGUN.model_copy(update={"links": {"feedback": "250ms"}})
 
 
 @contextmanager
-def short(recipe: EpisodeConfig) -> Iterator[None]:
-    """Trials of recipes that keep failures end after two seconds."""
-    task = find_task(recipe.task)
-    limit = 2.0 if recipe.keep_failures else task.limit
+def short(config: EpisodeConfig) -> Iterator[None]:
+    """Trials of settings that keep failures end after two seconds."""
+    task = find_task(config.task)
+    limit = 2.0 if config.keep_failures else task.limit
     with pytest.MonkeyPatch.context() as patch:
         other = dataclasses.replace(task, limit=limit)
         patch.setattr("services.sim.physics.plant.find_task", lambda _name: other)
@@ -46,16 +45,16 @@ def short(recipe: EpisodeConfig) -> Iterator[None]:
 
 
 @cache
-def made(seed: int, recipe_json: str, repeat: int = 0) -> EpisodeResult:
+def made(seed: int, config_json: str, repeat: int = 0) -> EpisodeResult:
     """An episode; ``repeat`` sets repetitions of the same one apart."""
     assert repeat >= 0
-    recipe = EpisodeConfig.model_validate_json(recipe_json)
-    with short(recipe):
-        return make_episode(recipe, seed)
+    config = EpisodeConfig.model_validate_json(config_json)
+    with short(config):
+        return make_episode(config, seed)
 
 
-def of(seed: int, recipe: EpisodeConfig = RECIPE, repeat: int = 0) -> EpisodeResult:
-    return made(seed, recipe.model_dump_json(), repeat)
+def of(seed: int, config: EpisodeConfig = CONFIG, repeat: int = 0) -> EpisodeResult:
+    return made(seed, config.model_dump_json(), repeat)
 
 
 @cache
@@ -100,7 +99,7 @@ def test_a_whole_trial_is_a_success_and_passes_every_check(tmp_path: Path) -> No
     outcome = of(0)
     assert outcome.meta.success
     store = Store(tmp_path)
-    with store.writing(RECIPE, Build.here()):
+    with store.writing(CONFIG, CODE):
         line = store.add(outcome.meta, outcome.content)
     assert check(store) == []
     with open_episode(tmp_path / line.file) as episode:
@@ -135,7 +134,7 @@ def test_quaternions_do_not_jump(tmp_path: Path) -> None:
 
 def test_over_a_late_link_the_robot_is_measured_now_and_was_seen_then(tmp_path: Path) -> None:
     late = of(0, LATE)
-    assert late.meta.recipe.links == {"feedback": "250ms"}
+    assert late.meta.origin["links"] == {"feedback": "250ms"}
     with open_episode(written(tmp_path / "e.h5", late)) as episode:
         assert (episode.array("age/seen") >= 0.25).all()
         assert (episode.array("age/seen") < 0.3).all()
@@ -146,11 +145,11 @@ def test_what_fails_is_counted_and_not_kept(monkeypatch: pytest.MonkeyPatch) -> 
     task = find_task("door/unlock")
     short = dataclasses.replace(task, limit=0.5)
     monkeypatch.setattr("services.sim.physics.plant.find_task", lambda _name: short)
-    outcome = make_episode(RECIPE, 0)
+    outcome = make_episode(CONFIG, 0)
     assert outcome.meta.verdict == "failure"
     assert "not within 0.5 s" in outcome.meta.reason
     assert outcome.content is None
-    kept = make_episode(RECIPE.model_copy(update={"keep_failures": True}), 0)
+    kept = make_episode(CONFIG.model_copy(update={"keep_failures": True}), 0)
     assert kept.meta.verdict == "failure"
     assert kept.content is not None
 
@@ -162,7 +161,7 @@ def test_a_simulation_that_breaks_off_is_an_error_and_never_kept(
         raise SimError("the numbers ran away")
 
     monkeypatch.setattr(TaskStack, "run", broken)
-    outcome = make_episode(RECIPE.model_copy(update={"keep_failures": True}), 0)
+    outcome = make_episode(CONFIG.model_copy(update={"keep_failures": True}), 0)
     assert outcome.meta.verdict == "error"
     assert "ran away" in outcome.meta.reason
     assert outcome.content is None
@@ -172,7 +171,7 @@ def test_it_can_be_stopped() -> None:
     stop = Event()
     stop.set()
     with pytest.raises(StoppedError):
-        make_episode(RECIPE, 0, stop)
+        make_episode(CONFIG, 0, stop)
 
 
 def _pictured(episode: Episode) -> None:
@@ -188,7 +187,7 @@ def _pictured(episode: Episode) -> None:
     assert sheet(episode, shown=4).shape[1] > 1600
 
 
-SMALL = BEGUN.model_copy(update={"eyes": Eyes(width=64, height=48)})
+SMALL = BEGUN.model_copy(update={"pictures": PictureConfig(width=64, height=48)})
 
 
 def test_same_seed_same_bytes_with_pictures_and_another_seed_differs(tmp_path: Path) -> None:

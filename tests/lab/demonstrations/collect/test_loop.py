@@ -2,21 +2,24 @@
 
 import errno
 import random
+from collections.abc import Callable
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from common.episodes.errors import EpisodeError
-from lab.demonstrations.collect.collect import Standing, collect
-from lab.demonstrations.collect.dataset import Build
-from lab.demonstrations.collect.episode import EpisodeResult
-from lab.demonstrations.collect.store import INDEX, IndexLine, Store
+from common.episodes.folder import INDEX, IndexLine
+from lab.demonstrations.collect.collect import CollectionProgress, collect
+from lab.demonstrations.collect.store import Store
+from lab.errors import LabError
 from tests.lab.demonstrations.collect.support import (
+    CODE,
+    CONFIG,
     FAILING,
-    RECIPE,
-    FakeCrew,
+    FakeExecutor,
     digests,
     gather,
     made,
@@ -24,8 +27,8 @@ from tests.lab.demonstrations.collect.support import (
 )
 
 
-def _same(crew: FakeCrew) -> FakeCrew:
-    return crew
+def _same(executor: FakeExecutor) -> FakeExecutor:
+    return executor
 
 
 def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
@@ -38,17 +41,17 @@ def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
     assert rejected == [f"{seed:06d}" for seed in (1, 4, 5, 6)]
     for jobs, haste in ((2, 1), (3, 2), (5, 3), (20, 4)):
         root = tmp_path / f"{jobs}"
-        crew = FakeCrew(jobs, FAILING, haste, together=min(jobs, 7))
-        collect(RECIPE, Store(root), partial(_same, crew), wanted=7)
-        assert crew.ended
+        executor = FakeExecutor(jobs, FAILING, haste, together=min(jobs, 7))
+        collect(CONFIG, Store(root), partial(_same, executor), wanted=7)
+        assert executor.ended
         assert digests(root) == digests(tmp_path / "one")
 
 
 def test_a_set_can_be_enlarged(tmp_path: Path) -> None:
     gather(tmp_path / "whole", 9)
     gather(tmp_path / "grown", 3, jobs=2)
-    crew = gather(tmp_path / "grown", 9, jobs=2)
-    assert 0 not in crew.given
+    executor = gather(tmp_path / "grown", 9, jobs=2)
+    assert 0 not in executor.given
     assert digests(tmp_path / "grown") == digests(tmp_path / "whole")
 
 
@@ -84,33 +87,33 @@ def test_what_others_make_in_the_data_set_is_let_be(tmp_path: Path) -> None:
 def test_nothing_to_do_needs_no_worker(tmp_path: Path) -> None:
     gather(tmp_path, 3)
 
-    def none() -> FakeCrew:
+    def none() -> FakeExecutor:
         raise AssertionError
 
-    standing = collect(RECIPE, Store(tmp_path), none, wanted=3)
-    assert (standing.successes, standing.resumed) == (3, 4)
+    progress = collect(CONFIG, Store(tmp_path), none, wanted=3)
+    assert (progress.successes, progress.resumed) == (3, 4)
 
 
 def test_it_gives_up_after_so_many_trials(tmp_path: Path) -> None:
-    crew = FakeCrew(2, set(range(100)))
-    standing = collect(RECIPE, Store(tmp_path), lambda: crew, wanted=2, max_trials=5)
-    assert not standing.complete
-    assert crew.given == [0, 1, 2, 3, 4]
+    executor = FakeExecutor(2, set(range(100)))
+    progress = collect(CONFIG, Store(tmp_path), lambda: executor, wanted=2, max_trials=5)
+    assert not progress.complete
+    assert executor.given == [0, 1, 2, 3, 4]
 
 
 def test_the_listener_hears_of_each_trial(tmp_path: Path) -> None:
     heard: list[int] = []
 
-    def tell(standing: Standing, line: IndexLine | None) -> None:
+    def tell(progress: CollectionProgress, line: IndexLine | None) -> None:
         if line is not None:
-            assert line.meta.seed in standing.lines
+            assert line.meta.seed in progress.lines
             heard.append(line.meta.seed)
 
-    collect(RECIPE, Store(tmp_path), lambda: FakeCrew(1, FAILING), wanted=3, tell=tell)
+    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, FAILING), wanted=3, on_progress=tell)
     assert heard == [0, 1, 2, 3]
 
 
-class LosingCrew(FakeCrew):
+class LosingExecutor(FakeExecutor):
     """Loses its worker at the given seeds, so many times each."""
 
     lost: tuple[type[Exception], ...] = (BrokenPipeError,)
@@ -119,35 +122,36 @@ class LosingCrew(FakeCrew):
         super().__init__(jobs, set())
         self._losses = losses
 
-    def submit(self, seed: int) -> "Future[EpisodeResult]":
+    def submit(self, work: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+        seed = arguments[0].seed
         if not self._losses.get(seed):
-            return super().submit(seed)
+            return super().submit(work, *arguments)
         self._losses[seed] -= 1
-        future: Future[EpisodeResult] = Future()
+        future: Future[Any] = Future()
         future.set_exception(BrokenPipeError("gone"))
         return future
 
 
 def test_a_lost_worker_costs_nothing_but_time(tmp_path: Path) -> None:
     said: list[str] = []
-    crew = LosingCrew({1: 2, 3: 1})
-    collect(RECIPE, Store(tmp_path / "lost"), lambda: crew, wanted=5, say=said.append)
-    assert sum("makes it again" in text for text in said) == 3
-    collect(RECIPE, Store(tmp_path / "whole"), lambda: FakeCrew(1, set()), wanted=5)
+    executor = LosingExecutor({1: 2, 3: 1})
+    collect(CONFIG, Store(tmp_path / "lost"), lambda: executor, wanted=5, on_message=said.append)
+    assert sum("runs the trial again" in text for text in said) == 3
+    collect(CONFIG, Store(tmp_path / "whole"), lambda: FakeExecutor(1, set()), wanted=5)
     assert digests(tmp_path / "lost") == digests(tmp_path / "whole")
 
 
 def test_a_trial_that_costs_every_worker_ends_it_and_what_is_done_is_kept(tmp_path: Path) -> None:
-    crew = LosingCrew({2: 99}, jobs=1)
-    with pytest.raises(EpisodeError, match="seed 2 has cost 3 workers"):
-        collect(RECIPE, Store(tmp_path), lambda: crew, wanted=5)
-    assert crew.ended
+    executor = LosingExecutor({2: 99}, jobs=1)
+    with pytest.raises(LabError, match="seed 2 has cost 3 workers"):
+        collect(CONFIG, Store(tmp_path), lambda: executor, wanted=5)
+    assert executor.ended
     assert 1 in [line.meta.seed for line in Store(tmp_path).scan()]
 
 
 def test_two_writers_are_refused(tmp_path: Path) -> None:
     with (
-        Store(tmp_path).writing(RECIPE, Build.here()),
+        Store(tmp_path).writing(CONFIG, CODE),
         pytest.raises(EpisodeError, match="another process"),
     ):
         gather(tmp_path, 1)
@@ -175,8 +179,8 @@ def test_damaged_and_foreign_files_are_all_named(tmp_path: Path) -> None:
     (episodes / "000002.h5").write_bytes(b"garbage")
     (episodes / "000009.h5").write_bytes((episodes / "000003.h5").read_bytes())
     about = meta(20, "failure")
-    foreign = about.recipe.model_copy(update={"pace": "fast"})
-    text = about.model_copy(update={"recipe": foreign}).model_dump_json()
+    foreign = about.origin | {"pace": "fast"}
+    text = about.model_copy(update={"origin": foreign}).model_dump_json()
     (tmp_path / "rejected" / "000020.json").write_text(text)
     before = digests(tmp_path)
     with pytest.raises(EpisodeError) as error:

@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 
-from common.episodes.errors import EpisodeError
-from lab.demonstrations.collect.collect import Standing, collect
+from common.episodes.folder import IndexLine
+from lab.demonstrations.collect.collect import CollectionProgress, collect
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.executors import RayExecutor
-from lab.demonstrations.collect.store import IndexLine, Store
-from tests.lab.demonstrations.collect.support import RECIPE
+from lab.demonstrations.collect.store import Store
+from lab.errors import LabError
+from lab.trials.executors import RayExecutor
+from tests.lab.demonstrations.collect.support import CONFIG
 
 ray = pytest.importorskip("ray")
 
@@ -30,33 +31,39 @@ def cluster() -> Iterator[Any]:
 
 
 def test_the_same_bytes_from_a_cluster_that_loses_a_node(cluster: Any, tmp_path: Path) -> None:
-    crews: list[RayExecutor] = []
+    executors: list[RayExecutor] = []
     doomed = cluster.add_node(num_cpus=1)
     said: list[str] = []
     ticks: list[int] = []
 
-    def crew() -> RayExecutor:
-        crews.append(RayExecutor(RECIPE, cluster.address, None))
-        return crews[0]
+    def open_executor() -> RayExecutor:
+        executors.append(RayExecutor(cluster.address, None))
+        return executors[0]
 
-    def tell(standing: Standing, _line: IndexLine | None) -> None:
+    def tell(progress: CollectionProgress, _line: IndexLine | None) -> None:
         # Every node has an episode under way when one is killed.
-        ticks.append(len(standing.lines))
+        ticks.append(len(progress.lines))
         if len(ticks) == 12:
             cluster.remove_node(doomed, allow_graceful=False)
 
-    standing = collect(
-        RECIPE, Store(tmp_path), crew, wanted=3, max_trials=8, tell=tell, say=said.append
+    progress = collect(
+        CONFIG,
+        Store(tmp_path),
+        open_executor,
+        wanted=3,
+        max_trials=8,
+        on_progress=tell,
+        on_message=said.append,
     )
-    assert crews[0].size == 3
+    assert executors[0].size == 3
     assert ticks[11] < 3
     assert any("nodes now" in text for text in said)
-    assert standing.complete
+    assert progress.complete
     # One made here: the same bytes.
-    line = next(line for line in standing.lines.values() if line.kept)
-    assert (tmp_path / line.file).read_bytes() == make_episode(RECIPE, line.meta.seed).content
+    line = next(line for line in progress.lines.values() if line.kept)
+    assert (tmp_path / line.file).read_bytes() == make_episode(CONFIG, line.meta.seed).content
 
 
 def test_no_cluster_is_told() -> None:
-    with pytest.raises(EpisodeError, match="no Ray cluster"):
-        RayExecutor(RECIPE, "127.0.0.1:1", 1)
+    with pytest.raises(LabError, match="no Ray cluster"):
+        RayExecutor("127.0.0.1:1", 1)

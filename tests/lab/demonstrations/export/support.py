@@ -6,22 +6,23 @@ from typing import Any
 import cv2
 import numpy as np
 
-from common.episodes.columns import COLUMNS, EYES, Rows
+from common.episodes.columns import CAMERAS, COLUMNS, Rows
 from common.episodes.episode_file import EpisodeMeta, Image, to_bytes
-from lab.demonstrations.collect.dataset import Build
-from lab.demonstrations.collect.recipe import EpisodeConfig, Eyes
+from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
 from lab.demonstrations.collect.store import Store
+from lab.trials.provenance import CodeVersion
+from services.sim.tasks import find_task
 
 SIZE = (48, 32)
 FRAMES, VERDICT = 13, 10
-BUILD = Build(source="0123", versions={"python": "3"})
+CODE = CodeVersion(source="0123", versions={"python": "3"})
 
 
-def picture(seed: int, eye: str, frame: int, size: tuple[int, int] = SIZE) -> Image:
-    """Soft colours that tell seeds, eyes and frames apart."""
+def picture(seed: int, camera: str, frame: int, size: tuple[int, int] = SIZE) -> Image:
+    """Soft colours that tell seeds, cameras and frames apart."""
     width, height = size
     x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
-    phase = 0.4 * frame + seed + 2.0 * (eye == "right")
+    phase = 0.4 * frame + seed + 2.0 * (camera == "right")
     waves = [np.sin(3 * x + phase), np.cos(2 * y + phase), np.sin(x + y - phase)]
     return np.asarray(np.stack(waves, axis=-1) * 100 + 128, dtype=np.uint8)
 
@@ -50,19 +51,23 @@ def make(
     physics_steps: int = 1,
 ) -> Path:
     """A data set: the trial with seed i ends with ``verdicts[i]``."""
-    eyes = Eyes(width=size[0], height=size[1], quality=95) if size else None
-    recipe = EpisodeConfig(task=task, eyes=eyes, keep_failures=True, physics_steps=physics_steps)
+    pictures_config = PictureConfig(width=size[0], height=size[1], quality=95) if size else None
+    config = EpisodeConfig(
+        task=task, pictures=pictures_config, keep_failures=True, physics_steps=physics_steps
+    )
     store = Store(root)
-    with store.writing(recipe, BUILD):
+    with store.writing(config, CODE):
         for seed, verdict in enumerate(verdicts):
             given = (rows_of or {}).get(seed) or rows(seed)
             pictures = {
-                eye: [_jpeg(picture(seed, eye, i, size)) for i in range(len(given))]
-                for eye in (EYES if size else ())
+                camera: [_jpeg(picture(seed, camera, i, size)) for i in range(len(given))]
+                for camera in (CAMERAS if size else ())
                 if size
             }
             about = EpisodeMeta(
+                operator="synthetic",
                 task=task,
+                goal=find_task(task).goal,
                 seed=seed,
                 verdict=verdict,
                 reason=f"{verdict} it was",
@@ -71,9 +76,11 @@ def make(
                 frames=len(given),
                 stages=(),
                 gave_up="",
-                recipe=recipe,
-                versions=BUILD.versions,
-                source=BUILD.source,
+                frame_tolerance=0.001 * physics_steps,
+                picture_size=size,
+                origin=config.origin(),
+                versions=CODE.versions,
+                source=CODE.source,
             )
             store.add(about, to_bytes(about, given, pictures))
     return root

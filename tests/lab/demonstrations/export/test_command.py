@@ -27,7 +27,7 @@ def test_both_formats_beside_the_data_set(
     said = capsys.readouterr().out
     assert is_lerobot(tmp_path / "door-lerobot")
     assert f"3 episodes of door/unlock: {3 * VERDICT} frames, pictures 48x32" in said
-    assert "synthetic operator" in said
+    assert "by synthetic operator" in said
     assert said.splitlines()[-1] == str(tmp_path / "door-lerobot")
     assert export(root, "--format", "robomimic", "--seeds", "1:", "--tail") == 0
     out = tmp_path / "door-robomimic.hdf5"

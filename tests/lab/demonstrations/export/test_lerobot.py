@@ -86,13 +86,13 @@ def test_the_description_fits_the_tables(tmp_path: Path) -> None:
     assert pandas["index_columns"] == ["task"]
     for index, row in enumerate(episodes(out)):
         assert row["tasks"] == [goal]
-        assert (row["seed"], row["success"], row["synthetic"]) == (index, True, True)
+        assert (row["seed"], row["success"], row["operator"]) == (index, True, "synthetic")
         assert (row["dataset_from_index"], row["dataset_to_index"]) == (
             index * VERDICT,
             (index + 1) * VERDICT,
         )
     about = load(out / "meta/trill.json")
-    assert about["synthetic_operator"]
+    assert about["operators"] == {"synthetic": 3}
     assert [one["seed"] for one in about["episodes"]] == [0, 1, 2]
     assert "synthetic operator" in (out / "README.md").read_text()
 

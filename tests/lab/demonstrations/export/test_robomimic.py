@@ -34,7 +34,7 @@ def test_every_number_and_pixel_is_there(tmp_path: Path) -> None:
             demo = file[f"data/demo_{index}"]
             assert demo.attrs["num_samples"] == VERDICT
             assert demo.attrs["seed"] == index
-            assert demo.attrs["synthetic"]
+            assert demo.attrs["operator"] == "synthetic"
             expected = expected_observations(original)
             images = {"robot0_left_eye_image", "robot0_right_eye_image"}
             assert set(demo["obs"]) == set(expected) | images

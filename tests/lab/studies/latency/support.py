@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from lab.studies.latency.conditions import Condition, standard
-from lab.studies.latency.plan import Cell, Plan
+from lab.studies.latency.plan import Plan, TrialKey
 from lab.studies.latency.row import LinkTake, TrialRow
-from lab.studies.latency.tlx import PAIRS, AnswerSheet, EpisodeSelection, Ratings
+from lab.studies.latency.tlx import PAIRS, AnswerSheet, PairChoice, Ratings
 
 UNLOCK, HAMMER = "door/unlock", "bench/hammer"
 CONDITIONS = standard("command")
@@ -48,28 +48,25 @@ def rows(times: dict[str, float], seeds: int = 6, task: str = UNLOCK) -> list[Tr
     ]
 
 
-class FakeCrew:
+class FakeExecutor:
     """Does each trial at once, with an invented outcome; is lost at those numbered ``fails_at``."""
 
     lost: tuple[type[Exception], ...] = (ConnectionError,)
 
     def __init__(self, fails_at: Container[int] = ()) -> None:
         self.size = 2
-        self.given: list[Cell] = []
+        self.given: list[TrialKey] = []
         self.ended = False
         self._fails_at = fails_at
 
-    def submit(
-        self, work: Callable[[Plan, Cell], TrialRow], plan: Plan, cell: Cell, /
-    ) -> "Future[TrialRow]":
-        del work
-        plan.condition(cell.condition)
-        self.given.append(cell)
-        future: Future[TrialRow] = Future()
+    def submit(self, work: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
+        (key,) = arguments
+        self.given.append(key)
+        future: Future[Any] = Future()
         if len(self.given) in self._fails_at:
             future.set_exception(ConnectionError("gone"))
         else:
-            future.set_result(row(cell.condition, cell.seed, task=cell.task))
+            future.set_result(row(key.condition, key.seed, task=key.task))
         return future
 
     def watch(self) -> list[str]:
@@ -86,9 +83,9 @@ def plan_of(*conditions: Condition, **more: Any) -> Plan:
 RATINGS = Ratings(mental=55, physical=20, temporal=40, performance=10, effort=60, frustration=25)
 
 
-def choices() -> tuple[EpisodeSelection, ...]:
+def choices() -> tuple[PairChoice, ...]:
     """Always the one that comes first on the sheet: weights 5, 4, 3, 2, 1, 0."""
-    return tuple(EpisodeSelection(pair=pair, chosen=pair[0]) for pair in PAIRS)
+    return tuple(PairChoice(pair=pair, chosen=pair[0]) for pair in PAIRS)
 
 
 def sheet(condition: str = "interpolation", participant: str = "P01", **more: Any) -> AnswerSheet:

@@ -70,10 +70,10 @@ def test_what_others_are_compared_with() -> None:
 
 def test_a_plan_has_the_same_seeds_in_each_condition() -> None:
     plan = plan_of(*standard("command")[:2], tasks=("door/unlock",), first_seed=4)
-    assert [(c.seed, c.condition) for c in plan.cells(2)] == [
+    assert [(c.seed, c.condition) for c in plan.trials(2)] == [
         (4, "raw"), (4, "interpolation"), (5, "raw"), (5, "interpolation"),
     ]  # fmt: skip
-    specs = [plan.spec(cell) for cell in plan.cells(1)]
+    specs = [plan.spec(key) for key in plan.trials(1)]
     assert [(spec.seed, spec.raw_hands, spec.links) for spec in specs] == [
         (4, True, {}),
         (4, False, {}),

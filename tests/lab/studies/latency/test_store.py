@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import ConfigError
-from lab.errors import LatencyStudyError
+from lab.errors import LabError, LatencyStudyError
 from lab.studies.latency.conditions import standard
 from lab.studies.latency.run import run_study
 from lab.studies.latency.store import TRIALS, Store
@@ -12,15 +12,15 @@ from tests.lab.studies.latency.support import (
     HAMMER,
     PLAN,
     UNLOCK,
-    FakeCrew,
+    FakeExecutor,
     plan_of,
     row,
 )
 
 
-def study(store: Store, episodes: int, crew: FakeCrew) -> int:
+def study(store: Store, episodes: int, executor: FakeExecutor) -> int:
     """Run it; how many trials were there before."""
-    return run_study(PLAN, store, lambda: crew, episodes=episodes, jobs=2).resumed
+    return run_study(PLAN, store, lambda: executor, episodes=episodes, jobs=2).resumed
 
 
 def keys(store: Store) -> list[tuple[str, str, str, int]]:
@@ -29,67 +29,67 @@ def keys(store: Store) -> list[tuple[str, str, str, int]]:
 
 def test_each_trial_is_run_once_whatever_comes_between(tmp_path: Path) -> None:
     whole, cut = Store(tmp_path / "whole"), Store(tmp_path / "cut")
-    crew = FakeCrew()
-    study(whole, 2, crew)
-    assert len(crew.given) == 2 * 2 * 4
-    assert crew.given == list(PLAN.cells(2))
-    assert crew.ended
+    executor = FakeExecutor()
+    study(whole, 2, executor)
+    assert len(executor.given) == 2 * 2 * 4
+    assert executor.given == list(PLAN.trials(2))
+    assert executor.ended
 
-    dies = FakeCrew(fails_at=range(6, 100))
-    with pytest.raises(LatencyStudyError, match="fewer --jobs"):
+    dies = FakeExecutor(fails_at=range(6, 100))
+    with pytest.raises(LabError, match="fewer --jobs"):
         study(cut, 2, dies)
     assert dies.ended
     there = keys(cut)
     assert 4 <= len(there) < 16
-    goes_on = FakeCrew()
+    goes_on = FakeExecutor()
     assert study(cut, 2, goes_on) == len(there)
     assert len(goes_on.given) == 16 - len(there)
     assert keys(cut) == keys(whole)
 
-    more = FakeCrew()
+    more = FakeExecutor()
     assert study(cut, 3, more) == 16
-    assert {cell.seed for cell in more.given} == {2}
-    assert study(cut, 2, nobody := FakeCrew()) == 16
+    assert {key.seed for key in more.given} == {2}
+    assert study(cut, 2, nobody := FakeExecutor()) == 16
     assert nobody.given == []
 
 
 def test_a_lost_worker_costs_only_time(tmp_path: Path) -> None:
     said: list[str] = []
-    crew = FakeCrew(fails_at={3, 7})
-    run_study(PLAN, Store(tmp_path), lambda: crew, episodes=1, jobs=2, say=said.append)
-    assert len(crew.given) == 8 + 2
+    executor = FakeExecutor(fails_at={3, 7})
+    run_study(PLAN, Store(tmp_path), lambda: executor, episodes=1, jobs=2, on_message=said.append)
+    assert len(executor.given) == 8 + 2
     assert len(set(keys(Store(tmp_path)))) == len(keys(Store(tmp_path))) == 8
     assert len(said) == 2
 
 
 def test_a_torn_last_line_is_run_anew(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    study(store, 1, FakeCrew())
+    study(store, 1, FakeExecutor())
     path = tmp_path / TRIALS
     content = path.read_bytes()
     path.write_bytes(content[:-30])
     assert len(store.rows()) == 7
-    crew = FakeCrew()
-    assert study(store, 1, crew) == 7
-    assert len(crew.given) == 1
+    executor = FakeExecutor()
+    assert study(store, 1, executor) == 7
+    assert len(executor.given) == 1
     assert path.read_bytes() == content
 
 
 def test_a_line_that_lacks_only_its_end_is_torn_too(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    study(store, 1, FakeCrew())
+    study(store, 1, FakeExecutor())
     path = tmp_path / TRIALS
     path.write_bytes(path.read_bytes()[:-1])
-    assert study(store, 1, FakeCrew()) == 7
+    assert study(store, 1, FakeExecutor()) == 7
     assert len(keys(store)) == len(set(keys(store))) == 8
 
 
 def test_damage_within_is_no_torn_line(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    study(store, 1, FakeCrew())
+    study(store, 1, FakeExecutor())
     path = tmp_path / TRIALS
     path.write_bytes(path.read_bytes().replace(b'"seed":0', b'"seed":"', 1))
-    with pytest.raises(LatencyStudyError, match="line 1"):
+    with pytest.raises(LabError, match="line 1"):
         store.rows()
 
 
@@ -105,39 +105,39 @@ def test_damage_within_is_no_torn_line(tmp_path: Path) -> None:
 )
 def test_other_settings_are_refused(tmp_path: Path, other: object, says: str) -> None:
     store = Store(tmp_path)
-    study(store, 1, FakeCrew())
+    study(store, 1, FakeExecutor())
     before = (tmp_path / TRIALS).read_bytes()
-    crew = FakeCrew()
+    executor = FakeExecutor()
     with pytest.raises(ConfigError, match="begun with other settings") as refused:
-        run_study(other, store, lambda: crew, episodes=2, jobs=1)  # type: ignore[arg-type]
+        run_study(other, store, lambda: executor, episodes=2, jobs=1)  # type: ignore[arg-type]
     assert says in str(refused.value)
-    assert crew.given == []
+    assert executor.given == []
     assert (tmp_path / TRIALS).read_bytes() == before
 
 
 def test_a_label_is_no_other_setting(tmp_path: Path) -> None:
     store = Store(tmp_path)
-    study(store, 1, FakeCrew())
+    study(store, 1, FakeExecutor())
     plain = plan_of(*(c.model_copy(update={"label": ""}) for c in CONDITIONS))
-    assert run_study(plain, store, FakeCrew, episodes=1, jobs=2).resumed == 8
+    assert run_study(plain, store, FakeExecutor, episodes=1, jobs=2).resumed == 8
 
 
 def test_where_no_study_can_be_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     store = Store(tmp_path / "file")
     with pytest.raises(LatencyStudyError, match="choose another --out"):
-        study(store, 1, FakeCrew())
+        study(store, 1, FakeExecutor())
     with pytest.raises(LatencyStudyError, match="cannot read"):
         store.plan()
     (tmp_path / "study" / TRIALS).mkdir(parents=True)
-    with pytest.raises(LatencyStudyError, match="give the same command again"):
+    with pytest.raises(LabError, match="give the same command again"):
         Store(tmp_path / "study").add(row())
 
 
 def test_only_one_writes(tmp_path: Path) -> None:
     store = Store(tmp_path)
     with store.writing(PLAN), pytest.raises(LatencyStudyError, match="another process"):
-        study(Store(tmp_path), 1, FakeCrew())
+        study(Store(tmp_path), 1, FakeExecutor())
 
 
 def test_persons_have_a_file_of_their_own(tmp_path: Path) -> None:
@@ -152,10 +152,10 @@ def test_time_left_is_that_of_the_trials_missing(tmp_path: Path) -> None:
     run_study(
         PLAN,
         Store(tmp_path),
-        FakeCrew,
+        FakeExecutor,
         episodes=1,
         jobs=2,
-        tell=lambda standing, _row: left.append(standing.left),
+        on_progress=lambda progress, _row: left.append(progress.left),
     )
     # Eight trials of 4 s, two at a time.
     assert left[0] is None

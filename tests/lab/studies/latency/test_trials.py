@@ -22,10 +22,10 @@ from lab.cli.main import main
 from lab.errors import LatencyStudyError
 from lab.studies.latency.conditions import standard
 from lab.studies.latency.fromlog import trials_of
-from lab.studies.latency.plan import Cell
+from lab.studies.latency.plan import TrialKey
 from lab.studies.latency.row import OWN_COMMAND, LinkTake, TrialRow
 from lab.studies.latency.store import Store
-from lab.studies.latency.trial import run_cell
+from lab.studies.latency.trial import run_study_trial
 from lab.trials.stack import TaskStack
 from services.logger.errors import LoggerError
 from services.logger.read.reader import LogReader
@@ -94,7 +94,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The late trial once more, recorded as a run is."""
     folder = tmp_path_factory.mktemp("run")
     plan = plan_of(*standard("command"), tasks=(UNLOCK,), traits=TRAITS["steady"], physics_steps=5)
-    stack = TaskStack(plan.spec(Cell(0, UNLOCK, "latency-250")), record=True)
+    stack = TaskStack(plan.spec(TrialKey(0, UNLOCK, "latency-250")), record=True)
     stack.run()
     stack.runner.close()
     sink = McapSink(folder / "log.mcap", "draco3", LoggerConfig())
@@ -249,4 +249,4 @@ def test_a_log_that_is_none_is_told(tmp_path: Path) -> None:
 def test_code_that_is_another_runs_no_trial() -> None:
     plan = plan_of(*standard("command"), tasks=(UNLOCK,), versions={"source": "0123456789ab"})
     with pytest.raises(LatencyStudyError, match="edited while the study ran"):
-        run_cell(plan, Cell(0, UNLOCK, "raw"))
+        run_study_trial(plan, TrialKey(0, UNLOCK, "raw"))

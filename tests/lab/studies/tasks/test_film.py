@@ -8,12 +8,12 @@ import pytest
 from lab.review.film import gather
 from lab.studies.tasks.command import main
 from lab.studies.tasks.film import LARGEST, FilmError, write_sheet
-from lab.trials.stack import TrialResult
+from lab.trials.spec import TrialResult
 from services.sim.errors import RenderingUnavailableError
 from tests.lab.review.synthetic import Life
 from tests.lab.review.task_life import unlocked
 
-RESULT = TrialResult("door/unlock", 7, "success", 6.0, "it was", "", "", (), 10.0, 5.0)
+RESULT = TrialResult(task="door/unlock", seed=7, verdict="success", time=6.0, reason="it was")
 
 
 def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:

@@ -1,12 +1,12 @@
-"""A recipe says which links its episodes are really made under: given, the task's own, or none."""
+"""The settings say under which links episodes are made: those given, the task's own, or none."""
 
 import argparse
 
 import pytest
 
 from common.errors import TrillError
-from lab.cli.collect import _recipe, add_arguments
-from lab.demonstrations.collect.recipe import EpisodeConfig
+from lab.cli.collect import _config, add_arguments
+from lab.demonstrations.collect.config import EpisodeConfig
 from lab.trials.links import links_used
 
 PAPER = {"command": "paper"}
@@ -15,7 +15,7 @@ PAPER = {"command": "paper"}
 def asked(*options: str) -> EpisodeConfig:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    return _recipe(parser.parse_args(["hardware/cap", *options]))
+    return _config(parser.parse_args(["hardware/cap", *options]))
 
 
 @pytest.mark.parametrize(
@@ -29,11 +29,11 @@ def asked(*options: str) -> EpisodeConfig:
 def test_what_is_recorded_is_what_the_trial_runs_under(
     options: tuple[str, ...], links: dict[str, str]
 ) -> None:
-    recipe = asked(*options)
-    assert recipe.links == links
-    assert links_used(recipe.task, recipe.trial(0).links) == links
+    config = asked(*options)
+    assert config.links == links
+    assert links_used(config.task, config.trial(0).links) == links
     # What a file says holds, whatever the task's own link should become.
-    assert EpisodeConfig.model_validate_json(recipe.model_dump_json()).links == links
+    assert EpisodeConfig.model_validate_json(config.model_dump_json()).links == links
 
 
 def test_without_a_word_about_links_the_own_one_is_put_in() -> None:

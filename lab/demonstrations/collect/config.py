@@ -1,0 +1,114 @@
+"""Settings of an episode: everything but the seed that decides its bytes."""
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from common.episodes.episode_file import EpisodeMeta
+from common.errors import ConfigError, explain
+from common.links.config import Links
+from lab.trials.links import links_used
+from lab.trials.provenance import PHYSICS, CodeVersion, code_version
+from lab.trials.spec import TrialSettings, TrialSpec
+from services.sim.rendering.cameras import CameraConfig
+from services.sim.tasks import find_task
+
+PACKAGES = (*PHYSICS, "opencv-python-headless", "h5py", "pydantic")
+"""Packages whose versions can change an episode."""
+
+
+class PictureConfig(BaseModel):
+    """How the stereo pictures of an episode are rendered and encoded."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    width: int = Field(default=400, ge=16, le=1920, description="width [pixels]")
+    height: int = Field(default=300, ge=16, le=1080, description="height [pixels]")
+    quality: int = Field(default=90, ge=1, le=100, description="JPEG quality")
+
+    def camera(self, scene: str) -> CameraConfig:
+        """Return the renderer's configuration for a scene."""
+        return CameraConfig(scene=scene, width=self.width, height=self.height, quality=self.quality)
+
+
+class EpisodeConfig(TrialSettings):
+    """Everything but the seed that an episode depends on.
+
+    Attributes:
+        task: name of the task, for instance ``door/unlock``.
+        links: injected delays by name, as ``{"both": "250ms"}``; if not given, or None, the
+            task's own links are put here.
+        raw_hands: whether the controller uses hand set-points without interpolation.
+        pictures: how pictures are made; None: there are none.
+        keep_failures: whether episodes that are no success are kept too.
+    """
+
+    task: str
+    links: Mapping[str, str] = Field(default_factory=dict)
+    raw_hands: bool = False
+    pictures: PictureConfig | None = PictureConfig()
+    keep_failures: bool = False
+
+    @model_validator(mode="before")
+    @classmethod
+    def _own_link(cls, values: Any) -> Any:
+        if not isinstance(values, Mapping) or values.get("links") is not None:
+            return values
+        task = values.get("task")
+        return {**values, "links": links_used(task, None)} if isinstance(task, str) else values
+
+    @field_validator("links")
+    @classmethod
+    def _known(cls, links: Mapping[str, str]) -> Mapping[str, str]:
+        try:
+            Links.from_table(links)
+        except ConfigError as error:
+            raise ValueError(str(error)) from error
+        return dict(sorted(links.items()))
+
+    @classmethod
+    def checked(cls, values: Mapping[str, Any]) -> Self:
+        """Check options, or the content of a file.
+
+        Raises:
+            ConfigError: a value is wrong.
+            TaskError: there is no such task.
+        """
+        try:
+            config = cls.model_validate(values)
+        except ValidationError as error:
+            raise ConfigError(explain(error)) from error
+        find_task(config.task)
+        return config
+
+    @classmethod
+    def of(cls, meta: EpisodeMeta) -> Self:
+        """Return the settings of an episode that was collected.
+
+        Raises:
+            ConfigError: its origin is another.
+        """
+        return cls.checked(meta.origin)
+
+    def origin(self) -> dict[str, Any]:
+        """Return the settings as JSON, as an episode's metadata holds them."""
+        return self.model_dump(mode="json")
+
+    def trial(self, seed: int) -> TrialSpec:
+        """Return the trial with this seed."""
+        shared = {name: getattr(self, name) for name in TrialSettings.model_fields}
+        return TrialSpec(
+            task=self.task, seed=seed, links=self.links, raw_hands=self.raw_hands, **shared
+        )
+
+
+def origin_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Return ``name: one | other`` for each value that differs."""
+    names = dict.fromkeys([*one, *other])
+    return [f"{n}: {one.get(n)} | {other.get(n)}" for n in names if one.get(n) != other.get(n)]
+
+
+def collecting_code() -> CodeVersion:
+    """Return the version of the code that decides an episode's bytes."""
+    return code_version("lab.demonstrations.collect.episode", PACKAGES)

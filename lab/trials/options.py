@@ -1,0 +1,122 @@
+"""Command-line options about trials, which several commands share."""
+
+import argparse
+from typing import Any
+
+from services.teleop.synthetic.traits import TRAITS
+
+_LINK_HELP = (
+    "delay a link: command, feedback, both or a topic, for instance both=250ms (see: trill latency "
+    "--help); replaces the task's own link (hardware/ tasks: command=paper); none: no delay"
+)
+
+
+def count(text: str) -> int:
+    """Parse a number from 1 up, for ``type=`` of an option.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none.
+    """
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"expected a number from 1 up, got {text!r}")
+    return int(text)
+
+
+def seed(text: str) -> int:
+    """Parse a seed, a number from 0 up.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none.
+    """
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"expected a number from 0 up, got {text!r}")
+    return int(text)
+
+
+def seed_range(text: str) -> range:
+    """Parse ``7`` or ``0:25``; the end is not included.
+
+    Raises:
+        argparse.ArgumentTypeError: it is neither.
+    """
+    first, colon, last = text.partition(":")
+    try:
+        seeds = range(int(first), int(last) if colon else int(first) + 1)
+    except ValueError:
+        seeds = range(0)
+    if not seeds or seeds.start < 0:
+        raise argparse.ArgumentTypeError(f"expected a seed or a range like 0:25, got {text!r}")
+    return seeds
+
+
+def add_executor_options(parser: "argparse._ActionsContainer", default_jobs: str) -> None:
+    """Add ``--jobs`` and ``--ray``; the latter's help says who runs the trials."""
+    parser.add_argument(
+        "--jobs",
+        type=count,
+        metavar="N",
+        help=f"trials at a time, a process each ({default_jobs}; with --ray: as many as the "
+        "cluster has processors)",
+    )
+    parser.add_argument(
+        "--ray",
+        metavar="ADDRESS",
+        help="run the trials on a Ray cluster: auto, HOST:PORT or ray://HOST:PORT",
+    )
+
+
+def add_trial_options(parser: "argparse._ActionsContainer", physics_steps: int = 1) -> None:
+    """Add the options of :class:`~lab.trials.spec.TrialSettings`.
+
+    Args:
+        parser: a parser or a group of options.
+        physics_steps: default of ``--physics-steps``.
+    """
+    parser.add_argument(
+        "--traits",
+        choices=list(TRAITS),
+        default="practised",
+        help="kind of synthetic operator: practised (default), or steady, without tremor or aiming "
+        "errors",
+    )
+    parser.add_argument(
+        "--torque-mode",
+        choices=["relaxed", "rated"],
+        default="relaxed",
+        help="torque limits: relaxed (default), or rated, the real motors'",
+    )
+    parser.add_argument(
+        "--pace",
+        choices=["fast", "normal", "slow", "public"],
+        default="",
+        help="pace of the gaits (default: normal; rated: slow)",
+    )
+    parser.add_argument(
+        "--physics-steps",
+        type=int,
+        choices=range(1, 11),
+        default=physics_steps,
+        metavar="N",
+        help="physics steps of 1 ms in one step of the plant, 1 to 10; more is faster, but the "
+        f"robot hears commands later ({physics_steps})",
+    )
+
+
+def add_link_options(parser: "argparse._ActionsContainer") -> None:
+    """Add ``--link`` and ``--raw-hands``, what is between operator and robot."""
+    parser.add_argument("--link", action="append", default=[], metavar="NAME=SPEC", help=_LINK_HELP)
+    parser.add_argument(
+        "--raw-hands",
+        action="store_true",
+        help="the controller does not interpolate the hand set-points",
+    )
+
+
+def trial_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the fields of :class:`~lab.trials.spec.TrialSettings` from parsed options."""
+    return {
+        "traits": TRAITS[arguments.traits],
+        "torque_mode": arguments.torque_mode,
+        "pace": arguments.pace,
+        "physics_steps": arguments.physics_steps,
+    }

@@ -1,0 +1,194 @@
+"""Keeps results of trials in files of JSON lines, which survive a kill at any moment."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Final, Generic, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from common.errors import explain
+from common.files import append_line
+from common.topics import TELEOP_SETPOINT
+from lab.errors import LabError, StoppedError
+from lab.trials.campaign import Executor, run_campaign
+from lab.trials.provenance import CodeVersion, code_version
+from lab.trials.spec import TrialResult, TrialSpec
+from lab.trials.stack import TaskStack
+from lab.trials.workers import stop_wanted
+
+M = TypeVar("M", bound=BaseModel)
+
+_CODE: Final = "lab.trials.stack"
+"""This module imports all code that decides what a trial comes to."""
+
+
+class JsonLines(Generic[M]):
+    """A file of JSON lines, each a Pydantic model; processes may append at the same time.
+
+    Attributes:
+        path: the file; it need not exist.
+    """
+
+    def __init__(self, path: Path, model: type[M]) -> None:
+        self.path = path
+        self._model = model
+        self._beginning = f'{{"{next(iter(model.model_fields))}":'.encode()
+
+    def read(self) -> list[M]:
+        """Return the models of all lines, but for a last line that is torn or being written.
+
+        Raises:
+            LabError: the file cannot be read, or a line is none of this file's.
+        """
+        try:
+            content = self.path.read_bytes()
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            raise LabError(f"cannot read {self.path}: {error.strerror}") from error
+        whole, _, torn = content.rpartition(b"\n")
+        lines = whole.split(b"\n") if whole else []
+        if not torn.startswith(self._beginning[: len(torn)]):
+            # Nothing of ours: if it were taken for torn, the next line would overwrite it.
+            lines.append(torn)
+        return [self._parse(number, line) for number, line in enumerate(lines, start=1)]
+
+    def append(self, model: M) -> None:
+        """Append a line; it is on the disk when this returns.
+
+        Raises:
+            LabError: it cannot be written.
+        """
+        try:
+            append_line(self.path, model.model_dump_json())
+        except OSError as error:
+            raise LabError(
+                f"cannot write {self.path}: {error.strerror}; what was there is kept: mend it and "
+                "give the same command again"
+            ) from error
+
+    def _parse(self, number: int, line: bytes) -> M:
+        try:
+            return self._model.model_validate_json(line)
+        except ValidationError as error:
+            raise LabError(
+                f"{self.path}, line {number} is no result of this command: {explain(error)}; "
+                "choose another file, or remove the line to have its trial run again"
+            ) from error
+
+
+class TrialRecord(BaseModel):
+    """One line of a campaign's file: a trial, its result, and everything it depends on."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    operator: Literal["synthetic"] = "synthetic"
+    code: CodeVersion
+    spec: TrialSpec
+    result: TrialResult
+
+
+class TrialFile:
+    """Keeps the results of a campaign's trials.
+
+    Attributes:
+        path: the file; None: results are kept in memory only.
+        other_code: number of trials in the file that other code has run; they do not count.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        """Read the results of the trials that this very code and these packages ran.
+
+        Raises:
+            LabError: the file cannot be used, or is no such file; it is left as it is.
+        """
+        self.path = path
+        self.code = code_version(_CODE)
+        self._lines = None if path is None else JsonLines(path, TrialRecord)
+        self._results: dict[str, TrialResult] = {}
+        self.other_code = 0
+        if self._lines is None:
+            return
+        try:
+            self._lines.path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LabError(f"cannot use {path}: {error.strerror}") from error
+        for record in self._lines.read():
+            if record.code.differences(self.code):
+                self.other_code += 1
+            else:
+                self._results[record.spec.key] = record.result
+
+    def result(self, spec: TrialSpec) -> TrialResult | None:
+        """Return the result of a trial; None: it has not been run."""
+        return self._results.get(spec.key)
+
+    def add(self, spec: TrialSpec, result: TrialResult) -> None:
+        """Keep a result; it is on the disk when this returns.
+
+        Raises:
+            LabError: it cannot be written.
+        """
+        self._results[spec.key] = result
+        if self._lines is not None:
+            self._lines.append(TrialRecord(code=self.code, spec=spec, result=result))
+
+
+def run_trial(code: CodeVersion, spec: TrialSpec) -> TrialResult:
+    """Run one trial in a worker.
+
+    Raises:
+        StoppedError: the worker is to end meanwhile.
+        LabError: this process runs other code than ``code``.
+    """
+    code.check(code_version(_CODE))
+    stack = TaskStack(spec)
+
+    def check_stop(_setpoint: object) -> None:
+        if stop_wanted():
+            raise StoppedError("the trial was given up")
+
+    stack.runner.on_message(TELEOP_SETPOINT, check_stop)
+    try:
+        return stack.run()
+    finally:
+        stack.runner.close()
+
+
+def run_trials(
+    specs: Sequence[TrialSpec],
+    file: TrialFile,
+    open_executor: Callable[[], Executor],
+    *,
+    on_result: Callable[[TrialResult], None] = lambda _result: None,
+    on_message: Callable[[str], None] = lambda _text: None,
+) -> list[TrialResult]:
+    """Run every trial that ``file`` lacks; returns all results in the order of ``specs``.
+
+    Args:
+        specs: the trials.
+        file: keeps the results.
+        open_executor: makes the workers; called only if a trial is to be run.
+        on_result: called with each new result.
+        on_message: called with what the user should know of the workers.
+
+    Raises:
+        TrillError: a trial failed other than by its verdict, or cost several workers.
+    """
+
+    def keep(spec: TrialSpec, result: TrialResult) -> None:
+        file.add(spec, result)
+        on_result(result)
+
+    missing = [spec for spec in specs if file.result(spec) is None]
+    if missing:
+        run_campaign(
+            missing,
+            partial(run_trial, file.code),
+            open_executor(),
+            on_result=keep,
+            on_message=on_message,
+        )
+    results = (file.result(spec) for spec in specs)
+    return [result for result in results if result is not None]
