@@ -119,10 +119,12 @@ def determinism_check(count: int) -> Check:
 
 def all_checks(gaits: int, random: int) -> Iterator[Check]:
     """Yield every check; ``gaits`` of each type in a row and ``random`` in one run."""
-    for scenario in (NOISY, replace(NOISY, mode="rated")):
+    for scenario in (NOISY, replace(NOISY, torque_mode="rated")):
         for gait in SIX:
             row = replace(scenario, gaits=(gait,) * gaits, seed=int(gait))
-            yield walk_check(f"gaits, {scenario.mode}", f"{gaits} × {gait.name.lower()}", row)
+            yield walk_check(
+                f"gaits, {scenario.torque_mode}", f"{gaits} × {gait.name.lower()}", row
+            )
     yield random_check(random)
     for name, newtons, scenario, times in (
         ("100 N standing", 100.0, STANDING, (2.0,)),

@@ -37,7 +37,7 @@ class Scenario:
 
     Attributes:
         gaits: gaits requested one after the other.
-        mode: torque limits of plant and controller.
+        torque_mode: torque limits of plant and controller.
         pace: pace of the gaits, see :func:`services.wbc.config.wbc_config`.
         delay: loop delay, half of it before and half after the controller [s].
         noise: white noise on the measured state.
@@ -48,7 +48,7 @@ class Scenario:
     """
 
     gaits: tuple[Gait, ...] = ()
-    mode: Literal["relaxed", "rated"] = "relaxed"
+    torque_mode: Literal["relaxed", "rated"] = "relaxed"
     pace: str = ""
     delay: float = 0.0
     noise: NoiseConfig = field(default_factory=NoiseConfig)
@@ -59,7 +59,7 @@ class Scenario:
 
     def wbc(self) -> WbcConfig:
         """Return the controller's configuration."""
-        return wbc_config(self.mode, self.pace, solver=self.solver)
+        return wbc_config(self.torque_mode, self.pace, solver=self.solver)
 
 
 class WalkingOperator(Service):
@@ -121,7 +121,9 @@ class Stack:
         self.scenario = scenario
         self.plant_service = PlantService(
             SimConfig(
-                torque_mode=TorqueMode(scenario.mode), noise=scenario.noise, seed=scenario.seed
+                torque_mode=TorqueMode(scenario.torque_mode),
+                noise=scenario.noise,
+                seed=scenario.seed,
             )
         )
         self.plant = self.plant_service.plant

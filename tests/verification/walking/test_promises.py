@@ -24,7 +24,7 @@ def test_each_gait_twice_with_delay_and_noise_ends_where_commanded(gait: Gait) -
 
 
 def test_each_pair_of_gaits_in_one_rated_walk() -> None:
-    assert_kept(checks.walk_check("", "", replace(NOISY, gaits=checks.SIX, mode="rated")))
+    assert_kept(checks.walk_check("", "", replace(NOISY, gaits=checks.SIX, torque_mode="rated")))
 
 
 def test_random_gaits_with_moving_hands() -> None:
