@@ -17,6 +17,7 @@ from common.topics import EPISODE
 from deploy.ports import reserve_base_port
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader
+from services.logger.record.config import LoggerConfig
 from services.logger.repair.repair import repair
 from services.logger.repair.verify import fault_of
 from verification.faults.plan import FaultError, FaultPlan, Progress, Promise, Row
@@ -27,6 +28,8 @@ from verification.faults.support.process import TIMEOUT_S, Process
 
 RECORDING_BYTES = 20_000
 """A file of this size holds messages."""
+MAX_LOSS_S = LoggerConfig().flush_period + LoggerConfig().drain_period + 0.1
+"""What arrives between two flushes can be lost, and what arrives during one write [s]."""
 
 
 class KillRecorder(FaultPlan):
@@ -37,7 +40,7 @@ class KillRecorder(FaultPlan):
     fault = "the recorder is killed (SIGKILL) at a random moment"
     recovery = "its file can be repaired and holds everything up to the last flush"
     promises = (
-        Promise("a killed recorder loses at most 0.25 s", "lost [s]", 0.25),
+        Promise("a killed recorder loses what came after its last flush", "lost [s]", MAX_LOSS_S),
         Promise("nothing is missing before that", "gaps", 0),
         Promise("the file repairs, and any MCAP reader takes it", "defects", 0),
     )

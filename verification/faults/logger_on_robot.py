@@ -60,9 +60,8 @@ class LoggerOnRobot(FaultPlan):
             reserve_base_port() as port,
             ExitStack() as stack,
         ):
-            environment = {"TRILL_BASE_PORT": str(port)}
             for module, *arguments in MODULES:
-                stack.enter_context(Process(module, *arguments, environment=environment))
+                stack.enter_context(Process(module, *arguments, "--base-port", str(port)))
             monitor = stack.enter_context(Monitor(port, SCHEMAS))
             progress("waiting for the first gait")
             if not any(getattr(m, "gaits_completed", 0) for m in monitor.listen(TIMEOUT_S)):

@@ -30,19 +30,12 @@ class Process:
     A context manager that kills the process on exit. ``TRILL_*`` variables are not inherited.
     """
 
-    def __init__(
-        self,
-        module: str,
-        *arguments: str,
-        prefix: Sequence[str] = (),
-        environment: Mapping[str, str] | None = None,
-    ) -> None:
+    def __init__(self, module: str, *arguments: str, prefix: Sequence[str] = ()) -> None:
         """Start the process; ``prefix`` is a command that executes the one that follows it."""
-        inherited = {k: v for k, v in os.environ.items() if not k.startswith("TRILL_")}
         self.name = module
         self._popen = subprocess.Popen(
             [*prefix, sys.executable, "-m", module, *arguments],
-            env={**inherited, **(environment or {})},
+            env={key: value for key, value in os.environ.items() if not key.startswith("TRILL_")},
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             text=True,
