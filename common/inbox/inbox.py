@@ -22,9 +22,8 @@ from typing import Any, TypeVar, cast
 from common.errors import TrillError
 from common.inbox.buffer import NEVER, InboxContext, TopicBuffer
 from common.inbox.status import InputStatus, age_of, health_of, is_fresh, status_of
-from common.links.config import Links, link_seed
+from common.links.config import CAMERAS, Links, link_seed
 from common.links.delay import DelayLine, DelayStats
-from common.links.names import EYES
 from common.links.spec import LinkSpec
 from common.schemas import LinkHealth, Message
 from common.topics import Topic
@@ -162,17 +161,15 @@ class Inbox:
         link = self.link_of(slot.topic.name) if slot.line is not None else ""
         return health_of(slot, self._now, self._journal, link)
 
-    def set_link(self, topic_name: str, spec: LinkSpec | None) -> None:
-        """Change the link in front of an input from now on; None: no delay any more.
+    def set_link(self, topic_name: str, spec: LinkSpec) -> None:
+        """Change the link in front of an input from now on.
 
         What is under way arrives as it would have. Service's thread only.
         """
         slot = self._slots[topic_name]
-        if spec is None and slot.line is None:
-            return
         # What has arrived already belongs to the old link, though no step has looked at it yet.
         slot.release(-1)
-        slot.set_line(self._line(slot.topic, spec or LinkSpec()))
+        slot.set_line(self._line(slot.topic, spec))
         self._linked = tuple(slot for slot in self._all if slot.line is not None)
 
     def link_of(self, topic_name: str) -> str:
@@ -230,7 +227,7 @@ class Inbox:
 
     def _line(self, topic: Topic[Any], spec: LinkSpec) -> DelayLine[Any]:
         seed = link_seed(self._seed, self._service, topic.name)
-        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in EYES else None)
+        return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in CAMERAS else None)
 
     def _advance_links(self, now_ns: int) -> None:
         """Move what arrived into the delay lines and what fell due out of them."""

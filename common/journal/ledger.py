@@ -20,8 +20,8 @@ from common.journal.journal import (
     stage_durations,
     stage_times,
 )
-from common.links.delay import requested
 from common.links.spec import LinkSpec
+from common.links.summary import requested
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 
 STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "total")
@@ -188,6 +188,7 @@ def _joined(account: _Input) -> tuple[Table, npt.NDArray[np.int64]]:
 
 def _parsed(link: str) -> tuple[float, float]:
     try:
-        return requested(LinkSpec.parse(link))
+        asked = requested(LinkSpec.parse(link))
     except TrillError:
         return np.nan, np.nan
+    return asked.mean, asked.p99

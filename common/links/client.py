@@ -1,6 +1,7 @@
-"""Asking the services of a running system about their links, and changing them."""
+"""Query the links of a running system, and change them."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,7 +10,7 @@ import zenoh
 from common.links.control import (
     LinkControlError,
     LinkReply,
-    LinkRequest,
+    LiveLinks,
     from_wire,
     links_key,
     to_wire,
@@ -23,35 +24,38 @@ _SETTLED_S = 1.0
 
 @dataclass(frozen=True)
 class Answers:
-    """What the services said.
+    """Answers of all services to one query.
 
     Attributes:
-        replies: of those that did as asked, by name.
-        errors: of the others, in words.
+        replies: replies by service.
+        errors: the refusals, in words.
     """
 
     replies: dict[str, LinkReply] = field(default_factory=dict)
     errors: tuple[str, ...] = ()
 
     @property
-    def version(self) -> int:
-        """Of the newest live change anybody knows; -1 if there is none."""
-        known = [entry.version for reply in self.replies.values() for entry in reply.live]
-        return max(known, default=-1)
+    def live(self) -> LiveLinks:
+        """The newest live links that any service knows."""
+        known = (reply.live for reply in self.replies.values())
+        return max(known, key=lambda live: live.version, default=LiveLinks())
 
 
-def ask(session: Any, robot: str, request: LinkRequest) -> Answers:
-    """Send one request to every service that is connected now, and wait for the answers.
+def ask(session: Any, robot: str, live: LiveLinks | None = None) -> Answers:
+    """Query every service that is connected now, and wait for the answers.
+
+    Args:
+        session: an open Zenoh session.
+        robot: first part of every key.
+        live: links to put in force; None: change nothing.
 
     Raises:
-        LinkControlError: the bus does not take the request, or it is too long.
+        LinkControlError: the bus does not take the query.
     """
-    payload = to_wire(request)
-    from_wire(payload, LinkRequest)
     try:
         replies = session.get(
             links_key(robot, "*"),
-            payload=payload,
+            payload=None if live is None else to_wire(live),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=_ANSWER_S,
@@ -67,28 +71,28 @@ def ask(session: Any, robot: str, request: LinkRequest) -> Answers:
         try:
             reply = from_wire(answer.ok.payload.to_bytes(), LinkReply)
         except LinkControlError as error:
-            errors.append(f"{answer.ok.key_expr} answered what is not understood: {error}")
+            errors.append(f"the answer on {answer.ok.key_expr} is not understood: {error}")
             continue
         good[reply.service] = reply
     return Answers(dict(sorted(good.items())), tuple(errors))
 
 
-def everybody(session: Any, robot: str, patience_s: float = 6.0) -> Answers:
-    """List the links of every service, once the session has found them all.
+def read_links(session: Any, robot: str, patience_s: float = 6.0) -> Answers:
+    """List the links of every service, once the session has found all services.
 
-    A session that has just been opened finds the services one after the other, so it is asked
-    until no further one has turned up for a second.
+    A session that has just been opened finds the services one after the other. The query is
+    repeated until no further service has turned up for a second.
 
     Raises:
-        LinkControlError: nobody answers for ``patience_s``.
+        LinkControlError: no service answers for ``patience_s``.
     """
     give_up = time.monotonic() + patience_s
     answers, settled_at = Answers(), give_up
     while True:
-        now_there = ask(session, robot, LinkRequest(action="list"))
-        if now_there.replies.keys() - answers.replies.keys():
+        latest = ask(session, robot)
+        if latest.replies.keys() - answers.replies.keys():
             settled_at = time.monotonic() + _SETTLED_S
-        answers = now_there if now_there.replies else answers
+        answers = latest if latest.replies else answers
         now = time.monotonic()
         if answers.replies and now >= min(settled_at, give_up):
             return answers
@@ -100,14 +104,12 @@ def everybody(session: Any, robot: str, patience_s: float = 6.0) -> Answers:
         time.sleep(_PAUSE_S)
 
 
-def change(session: Any, robot: str, links: dict[str, LinkSpec | None] | None) -> Answers:
-    """Set links while the system runs; None clears all.
+def set_links(session: Any, robot: str, links: Mapping[str, LinkSpec]) -> Answers:
+    """Set links while the system runs; zero delay switches a link off.
 
     Raises:
-        LinkControlError: nobody answers, or the bus does not take the request.
+        ConfigError: a name is unknown.
+        LinkControlError: no service answers, or the bus does not take the query.
     """
-    known = everybody(session, robot)
-    version = max(time.time_ns(), known.version + 1)
-    if links is None:
-        return ask(session, robot, LinkRequest(action="clear", version=version))
-    return ask(session, robot, LinkRequest(action="set", links=links, version=version))
+    known = read_links(session, robot).live
+    return ask(session, robot, known.with_links(links, time.time_ns()))

@@ -1,48 +1,44 @@
-"""Links changed while the system runs: what is asked and answered, and what follows from it.
+"""Links set while the system runs: the document that every service keeps, and its wire form.
 
-Each service answers on ``<robot>/links/<service>``. Request and reply are msgpack maps
-(:class:`LinkRequest`, :class:`LinkReply`); what cannot be done is answered with an error in words.
+All live changes are one document (:class:`LiveLinks`) with a version. Every service keeps the whole
+document, also the links that it does not read, so a change outlives any service as long as one of
+them runs: a service that starts asks the others, and the highest version is in force everywhere.
+What is set live wins over what was configured.
 
-Every service keeps the whole table of live changes, also of links it does not read, each entry
-with a version: wall-clock nanoseconds, or one more than the newest known if that is greater. A
-service that starts asks the others and takes over what is newer, so a change outlives any service
-but not all of them. On one input the entry of the highest version decides, and what is live wins
-over what was configured.
+Each service answers queries on ``<robot>/links/<service>``. A query without a payload changes
+nothing; a query with a :class:`LiveLinks` puts that document in force. Both are answered with a
+:class:`LinkReply`, or with an error in words. Payloads are msgpack maps.
 """
 
-from collections.abc import Iterable
-from typing import Annotated, Any, Literal, TypeVar
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, TypeVar
 
 import msgpack
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from common.errors import ConfigError, TrillError, explain
-from common.links.config import Links
-from common.links.names import LinkName, parse_name
+from common.links.config import LinkName, Links
+from common.links.delay import DelayStats
 from common.links.spec import LinkSpec
 
-EVERYTHING = "*"
-"""Name of the entry that clears every link."""
-MAX_BYTES = 200_000
-"""Longest request taken: it is read between two steps of a control loop."""
-MAX_REPLY_BYTES = 1_000_000
-"""Longest reply taken: it tells of all changes, and is read by those who start or ask."""
-MAX_ENTRIES = 256
+MAX_BYTES = 1_000_000
+"""Longest payload accepted: services read it between two steps of a control loop."""
+MAX_NAMES = 256
 MAX_TRACED = 60_000
-"""Delays of all traces together, so that a reply can tell them."""
+"""Recorded delays of all traces together, so that the document fits into a payload."""
 
 
 class LinkControlError(TrillError):
-    """A request to change links, or an answer, is not one."""
+    """A live change of links, or the answer to it, is wrong or impossible."""
 
 
 def links_key(robot: str, service: str) -> str:
-    """Key on which ``service`` answers; ``*`` for all."""
+    """Return the key on which ``service`` answers; ``*`` stands for all."""
     return f"{robot}/links/{service}"
 
 
-def _no_file(value: object) -> object:
-    """A text from the wire must not make a service open files."""
+def _refuse_file(value: object) -> object:
+    """Keep a text from the wire from making a service open files."""
     if isinstance(value, str) and value.lstrip().startswith("trace"):
         raise ValueError(
             "a trace file is read where the request is made: send the delays themselves"
@@ -50,7 +46,7 @@ def _no_file(value: object) -> object:
     return value
 
 
-WireSpec = Annotated[LinkSpec, BeforeValidator(_no_file)]
+WireSpec = Annotated[LinkSpec, BeforeValidator(_refuse_file)]
 Name = Annotated[str, Field(min_length=1, max_length=130)]
 
 
@@ -58,78 +54,106 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class LinkRequest(_Part):
-    """What to do.
+class LiveLinks(_Part):
+    """The links set while the system runs.
 
-    ``list`` changes nothing; ``peers`` neither, and is answered without figures; ``set`` puts what
-    ``links`` says on each name's links, None nothing; ``clear`` takes every delay away.
+    Each change is a layer, which wins over those before it. A name that is set again leaves the
+    layer it was in, so the document does not grow with the number of changes.
     """
 
-    action: Literal["list", "peers", "set", "clear"]
-    links: dict[Name, WireSpec | None] = Field(default_factory=dict, max_length=64)
-    version: int | None = Field(
-        default=None, ge=0, lt=2**63, description="greater than of any change before; None: chosen"
+    version: int = Field(
+        default=0, ge=0, lt=2**63, description="the highest is in force; 0: nothing was changed"
     )
+    replaces: int = Field(
+        default=0, ge=0, lt=2**63, description="version from which this one was made"
+    )
+    cleared: bool = Field(default=False, description="the configured links are switched off")
+    layers: tuple[dict[Name, WireSpec], ...] = Field(default=(), max_length=MAX_NAMES)
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        specs = [spec for layer in self.layers for spec in layer.values()]
+        traced = sum(len(spec.trace) for spec in specs)
+        if len(specs) > MAX_NAMES or traced > MAX_TRACED:
+            raise LinkControlError(
+                f"live links: {len(specs)} names with {traced} recorded delays; expected at most "
+                f"{MAX_NAMES} and {MAX_TRACED}: clear some first, or use shorter traces"
+            )
+        for layer in self.layers:
+            for name in layer:
+                LinkName.parse(name)
+        return self
 
-class LinkEntry(_Part):
-    """One live change."""
+    def with_links(self, links: Mapping[str, LinkSpec], now_ns: int) -> Self:
+        """Return the document with one more change; zero delay switches a link off.
 
-    name: Name
-    spec: WireSpec | None
-    version: int = Field(ge=0, lt=2**63)
+        Args:
+            links: specifications by name.
+            now_ns: wall clock, which becomes the version unless that is older than this one's.
+
+        Raises:
+            ConfigError: a name is unknown.
+            LinkControlError: there are too many links, or too many recorded delays.
+        """
+        kept = (
+            {name: spec for name, spec in layer.items() if name not in links}
+            for layer in self.layers
+        )
+        layers = (*(layer for layer in kept if layer), dict(links))
+        return type(self)(
+            version=max(now_ns, self.version + 1),
+            replaces=self.version,
+            cleared=self.cleared,
+            layers=layers,
+        )
+
+    def without_links(self, now_ns: int) -> Self:
+        """Return the document that switches every link off, configured ones included."""
+        version = max(now_ns, self.version + 1)
+        return type(self)(version=version, replaces=self.version, cleared=True)
+
+    def over(self, configured: Links) -> Links:
+        """Return the links in force: these laid over what was configured."""
+        layers = (
+            {LinkName.parse(name): spec for name, spec in layer.items()} for layer in self.layers
+        )
+        return (Links() if self.cleared else configured).under(Links(tuple(layers)))
 
 
 class LinkRow(_Part):
-    """One input of a service; durations in seconds."""
+    """One input of a service."""
 
     topic: str
-    link: str = Field(description="what is injected; empty: nothing")
-    requested_mean: float = 0.0
-    requested_p99: float = 0.0
-    achieved_mean: float = 0.0
-    achieved_p99: float = 0.0
-    arrived: int = Field(default=0, ge=0, description="since the link was set")
-    held_back: int = 0
-    lost: int = 0
-
-
-class Changed(_Part):
-    """An input that a request concerns."""
-
-    topic: str
-    previous: str
-    link: str
+    link: str = Field(default="", description="injected delay as a specification; empty: none")
+    delays: DelayStats | None = Field(default=None, description="since the link was set")
 
 
 class LinkReply(_Part):
-    """A service's answer: what the request did, its inputs, and the live changes it knows."""
+    """A service's answer: its inputs, and the live links it knows."""
 
     service: str
-    changed: list[Changed] = Field(default_factory=list)
     inputs: list[LinkRow] = Field(default_factory=list)
-    live: list[LinkEntry] = Field(default_factory=list, max_length=MAX_ENTRIES)
+    live: LiveLinks = LiveLinks()
 
 
 M = TypeVar("M", bound=_Part)
 
 
 def to_wire(part: _Part) -> bytes:
-    """Encode a request or a reply."""
+    """Encode a document or a reply."""
     packed: bytes = msgpack.packb(part.model_dump(mode="json", exclude_defaults=True))
     return packed
 
 
 def from_wire(payload: bytes, kind: type[M]) -> M:
-    """Decode a request or a reply.
+    """Decode a document or a reply.
 
     Raises:
-        LinkControlError: the bytes are no such thing.
+        LinkControlError: the payload is too long, no msgpack map, or a value in it is wrong.
     """
-    longest = MAX_REPLY_BYTES if kind is LinkReply else MAX_BYTES
-    if len(payload) > longest:
+    if len(payload) > MAX_BYTES:
         raise LinkControlError(
-            f"{kind.__name__}: expected at most {longest} bytes, got {len(payload)}"
+            f"{kind.__name__}: expected at most {MAX_BYTES} bytes, got {len(payload)}"
         )
     try:
         values: Any = msgpack.unpackb(payload)
@@ -143,125 +167,3 @@ def from_wire(payload: bytes, kind: type[M]) -> M:
             f"{kind.__name__}: expected a msgpack map, got {len(payload)} bytes that are none "
             f"({error})"
         ) from error
-
-
-class LinkTable:
-    """Configured links of one service and the live changes over them. Pure."""
-
-    def __init__(self, service: str, configured: Links) -> None:
-        """Start with what was configured."""
-        self._service = service
-        self._configured = configured
-        self._entries: dict[str, LinkEntry] = {}
-
-    @property
-    def entries(self) -> list[LinkEntry]:
-        """Live changes, oldest first."""
-        return sorted(self._entries.values(), key=lambda entry: entry.version)
-
-    @property
-    def version(self) -> int:
-        """Of the newest change; -1 if there is none."""
-        return max((entry.version for entry in self._entries.values()), default=-1)
-
-    def of(self, topic: str) -> LinkSpec | None:
-        """What is to be injected on an input now."""
-        meant = [entry for entry in self._entries.values() if self._covers(entry.name, topic)]
-        if not meant:
-            return self._configured.of(self._service, topic)
-        return max(meant, key=_weight).spec
-
-    def concerned(self, request: LinkRequest, topics: Iterable[str]) -> list[str]:
-        """Those of ``topics`` that a request is about."""
-        if request.action == "clear":
-            return list(topics)
-        return [t for t in topics if any(self._covers(name, t) for name in request.links)]
-
-    def apply(self, request: LinkRequest, now_ns: int) -> None:
-        """Take in a request that changes something; one that does not is ignored.
-
-        Args:
-            request: what to do.
-            now_ns: wall clock, for the version of a request without one.
-
-        Raises:
-            LinkControlError: a name is none, or the request contradicts itself or is older than
-                what is known.
-        """
-        if request.action == "set":
-            if not request.links:
-                raise LinkControlError("set: expected at least one name with its link, got none")
-            names = list(request.links)
-        elif request.links:
-            raise LinkControlError(
-                f"{request.action}: expected no links, got {', '.join(request.links)}"
-            )
-        else:
-            names = [EVERYTHING] if request.action == "clear" else []
-        for name in names:
-            _check_name(name)
-        version = request.version
-        if version is None:
-            version = max(now_ns, self.version + 1)
-        elif names and version <= self.version:
-            raise LinkControlError(
-                f"this change (version {version}) is older than what is in force "
-                f"({self.version}); ask for the list and use a greater version"
-            )
-        entries = [
-            LinkEntry(name=name, spec=request.links.get(name), version=version) for name in names
-        ]
-        if request.action == "set" and len(self._entries.keys() | names) > MAX_ENTRIES:
-            raise LinkControlError(f"more than {MAX_ENTRIES} live changes; clear some first")
-        kept = [entry for name, entry in self._entries.items() if name not in names]
-        traced = sum(len(e.spec.trace) for e in (*kept, *entries) if e.spec is not None)
-        if traced > MAX_TRACED:
-            raise LinkControlError(
-                f"{traced} recorded delays in live changes; expected at most {MAX_TRACED}: use "
-                "shorter traces or clear some first"
-            )
-        self.merge(entries)
-
-    def merge(self, entries: Iterable[LinkEntry]) -> None:
-        """Take over what is newer than known; entries with names that are none are ignored."""
-        for entry in entries:
-            known = self._entries.get(entry.name)
-            if known is not None and known.version >= entry.version:
-                continue
-            if known is None and len(self._entries) >= MAX_ENTRIES and entry.name != EVERYTHING:
-                continue
-            try:
-                _check_name(entry.name)
-            except LinkControlError:
-                continue
-            self._entries[entry.name] = entry
-        cleared = self._entries.get(EVERYTHING)
-        if cleared is not None:
-            self._entries = {
-                name: entry
-                for name, entry in self._entries.items()
-                if entry.version > cleared.version or name == EVERYTHING
-            }
-
-    def _covers(self, name: str, topic: str) -> bool:
-        return name == EVERYTHING or _parsed(name).covers(self._service, topic)
-
-
-def _weight(entry: LinkEntry) -> tuple[int, tuple[bool, bool, int]]:
-    """The newest decides; of one request the more specific."""
-    rank = (False, False, -1) if entry.name == EVERYTHING else _parsed(entry.name).rank
-    return entry.version, rank
-
-
-def _parsed(name: str) -> LinkName:
-    # Any service may be named: which there are, only the bus knows.
-    return parse_name(name, also=[name.rpartition(":")[0]])
-
-
-def _check_name(name: str) -> None:
-    if name == EVERYTHING:
-        return
-    try:
-        _parsed(name)
-    except ConfigError as error:
-        raise LinkControlError(str(error)) from error

@@ -1,4 +1,4 @@
-"""A link with latency, jitter and loss, as a pure object without a clock.
+"""Delay line: a link with latency, jitter and loss, as a pure object without a clock.
 
 Model. Message k arrives at the line at time t_k. It is lost with probability ``loss``; else it
 draws a delay d_k >= 0 (negative draws become 0) and falls due at t_k + d_k. With ``keep_order``
@@ -10,9 +10,8 @@ Holding back for order can only add delay. With independent draws whose spread i
 with the message interval this raises the mean well above the requested one (250 ms with a
 standard deviation of 20 ms at 500 Hz has a mean near 274 ms). Two remedies: ``order=free``,
 where a late message may be overtaken, or ``corr=<time constant>``, which draws the delays from
-an autocorrelated process with the same distribution, as congestion on a real link is. What
-really happened is never guessed: :meth:`DelayLine.stats` gives requested, drawn and achieved
-figures.
+an autocorrelated process with the same distribution, as congestion on a real link is.
+:meth:`DelayLine.stats` gives requested, drawn and achieved figures.
 
 Distributions: ``constant``; ``normal`` (mean, standard deviation, clamped at 0); ``lognormal``
 (parametrised by the mean and standard deviation of the delay itself, so sigma² =
@@ -20,9 +19,9 @@ ln(1 + sd²/mean²), mu = ln mean - sigma²/2); ``trace`` (recorded delays one a
 starting over at the end). The correlated latent Gaussian is an Ornstein-Uhlenbeck process
 sampled at the arrivals: g_k = r g_{k-1} + sqrt(1 - r²) n_k with r = exp(-(t_k - t_{k-1}) / tau).
 
-The lines of a stereo pair's eyes are made ``by_time``: delay and loss of a frame depend on the seed
-and its capture time only (see :mod:`common.links.draws`), so both eyes of a frame share them. A
-trace's entry is then chosen by the capture time as well, in steps of ``frame_ns``.
+The two lines of a stereo pair draw ``by_time``: delay and loss of a frame depend on the seed and
+its capture time only (see :mod:`common.links.samplers`), so both pictures of a frame share them.
+The entry of a trace is then chosen by the capture time as well, in steps of ``frame_ns``.
 """
 
 import heapq
@@ -33,14 +32,13 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from common.links.draws import ByTime, DelaySampler, Sequential
+from common.links.samplers import SequentialSampler, TimeSampler
 from common.links.spec import Distribution, LinkSpec
+from common.links.summary import lognormal_parameters, requested
 
 T = TypeVar("T")
 
 _NEVER = 2**63
-_Z99 = 2.3263478740408408
-"""99th percentile of the standard normal distribution."""
 _ACHIEVED_KEPT = 10_000
 
 
@@ -56,7 +54,7 @@ class Released(NamedTuple, Generic[T]):
 
 @dataclass(frozen=True)
 class DelayStats:
-    """What a link was asked to do and what it did; durations in seconds.
+    """Requested and achieved delays of one link; durations in seconds.
 
     ``drawn_mean`` differs from ``requested_mean`` by clamping at 0 and by chance;
     ``achieved_mean`` differs from ``drawn_mean`` by holding messages back to keep their order.
@@ -77,24 +75,24 @@ class DelayStats:
 class DelayLine(Generic[T]):
     """Holds items for a time drawn from a :class:`LinkSpec`; deterministic for a given seed.
 
-    Not thread-safe. Times are any one monotonic clock [ns].
+    Not thread-safe. All times are of one monotonic clock [ns].
     """
 
     def __init__(self, spec: LinkSpec, seed: int = 0, frame_ns: int | None = None) -> None:
         """Create an empty line.
 
         Args:
-            spec: what to do.
-            seed: used unless the spec has its own.
-            frame_ns: time between frames of a stereo pair, whose halves are to be delayed alike;
-                None: an input by itself.
+            spec: delay, jitter and loss.
+            seed: seed of the draws, unless the specification has its own.
+            frame_ns: time between frames of a stereo pair, whose two lines delay alike [ns]; None:
+                an input by itself.
         """
         self.spec = spec
         self.by_time = frame_ns is not None
-        """Whether :meth:`push` wants the time of capture."""
+        """Whether :meth:`push` draws by the time of capture."""
         self._frame_ns = frame_ns or 1
         chosen = spec.seed if spec.seed is not None else seed
-        self._draws: DelaySampler = ByTime(chosen) if self.by_time else Sequential(chosen)
+        self._sampler = TimeSampler(chosen) if self.by_time else SequentialSampler(chosen)
         self._heap: list[tuple[int, int, int, T]] = []
         self._count = 0
         self._last_due = 0
@@ -109,22 +107,22 @@ class DelayLine(Generic[T]):
 
     @property
     def next_due_ns(self) -> int:
-        """When the next item is due [ns]; a time out of reach if there is none."""
+        """When the next item falls due [ns]; a time out of reach if the line is empty."""
         return self._heap[0][0] if self._heap else _NEVER
 
     def __len__(self) -> int:
         return len(self._heap)
 
     def push(self, item: T, now_ns: int, captured_ns: int | None = None) -> bool:
-        """Put in an item that arrived at ``now_ns``; False if it is lost.
+        """Put in an item that arrived at ``now_ns``; False if the link loses it.
 
-        ``captured_ns`` is what a line ``by_time`` draws by; None: the time of arrival.
+        A line ``by_time`` draws by ``captured_ns``; None: by the time of arrival.
         """
         number = self._count
         self._count += 1
         at_ns = captured_ns if self.by_time and captured_ns is not None else now_ns
         delay = self._draw(at_ns // self._frame_ns if self.by_time else number, at_ns)
-        if self._draws.lost(at_ns, self.spec.loss):
+        if self._sampler.lost(at_ns, self.spec.loss):
             self._lost += 1
             return False
         self._drawn += delay
@@ -138,9 +136,10 @@ class DelayLine(Generic[T]):
         return True
 
     def adopt(self, other: "DelayLine[T]") -> None:
-        """Take over what ``other`` still holds, with its due times; no figure here counts it.
+        """Take over the items that ``other`` still holds, with their due times.
 
-        With ``keep_order`` nothing pushed later comes out before it.
+        The statistics of this line do not count them. With ``keep_order`` nothing pushed later
+        comes out before them.
         """
         held = [
             (due, number - other._count, pushed, item) for due, number, pushed, item in other._heap
@@ -151,14 +150,14 @@ class DelayLine(Generic[T]):
         self._last_due = max([self._last_due, *(due for due, *_ in held)])
 
     def pop(self, now_ns: int) -> list[Released[T]]:
-        """Take out everything due by ``now_ns``, in the order of the due times."""
+        """Take out every item due by ``now_ns``, in the order of the due times."""
         released = []
         heap = self._heap
         while heap and heap[0][0] <= now_ns:
             due, number, pushed, item = heapq.heappop(heap)
             injected = due - pushed
             released.append(Released(due, injected, item))
-            if number >= 0:  # below: another line's
+            if number >= 0:  # negative numbers are adopted from another line
                 if len(self._achieved) < _ACHIEVED_KEPT:
                     self._achieved.append(injected)
                 else:
@@ -168,17 +167,16 @@ class DelayLine(Generic[T]):
         return released
 
     def stats(self) -> DelayStats:
-        """Summarise what was asked for and what happened so far."""
+        """Return requested and achieved figures so far."""
         kept = self._count - self._lost
         count = len(self._achieved)
         rank = math.ceil(0.99 * count) - 1
         # A copy, since a view would keep the ring from growing.
         achieved = np.array(self._achieved, np.int64)
         p99 = int(np.partition(achieved, rank)[rank]) if count else 0
-        mean, requested_p99 = self._requested
         return DelayStats(
-            requested_mean=mean,
-            requested_p99=requested_p99,
+            requested_mean=self._requested.mean,
+            requested_p99=self._requested.p99,
             drawn_mean=1e-9 * self._drawn / kept if kept else 0.0,
             achieved_mean=1e-9 * self._achieved_sum / self._released if self._released else 0.0,
             achieved_p99=1e-9 * p99,
@@ -196,32 +194,10 @@ class DelayLine(Generic[T]):
         elif spec.distribution is Distribution.TRACE:
             seconds = spec.trace[number % len(spec.trace)]
         else:
-            gauss = self._draws.gauss(at_ns, spec.correlation)
+            gauss = self._sampler.gauss(at_ns, spec.correlation)
             if spec.distribution is Distribution.NORMAL:
                 seconds = max(0.0, spec.mean + spec.sd * gauss)
             else:
                 mu, sigma = lognormal_parameters(spec)
                 seconds = math.exp(mu + sigma * gauss)
         return round(seconds * 1e9)
-
-
-def requested(spec: LinkSpec) -> tuple[float, float]:
-    """Return mean and 99th percentile the specification asks for [s].
-
-    For ``normal`` these are the parameters' own, before negative delays are clamped.
-    """
-    if spec.distribution is Distribution.CONSTANT:
-        return spec.mean, spec.mean
-    if spec.distribution is Distribution.NORMAL:
-        return spec.mean, spec.mean + _Z99 * spec.sd
-    if spec.distribution is Distribution.LOGNORMAL:
-        mu, sigma = lognormal_parameters(spec)
-        return spec.mean, math.exp(mu + _Z99 * sigma)
-    ordered = sorted(spec.trace)
-    return math.fsum(ordered) / len(ordered), ordered[math.ceil(0.99 * len(ordered)) - 1]
-
-
-def lognormal_parameters(spec: LinkSpec) -> tuple[float, float]:
-    """Return mu and sigma of the delay's logarithm from its mean and standard deviation."""
-    variance = math.log1p((spec.sd / spec.mean) ** 2)
-    return math.log(spec.mean) - 0.5 * variance, math.sqrt(variance)

@@ -1,4 +1,4 @@
-"""What a link's latency, jitter and loss should be, and how that is written as a string.
+"""Specification of a link's latency, jitter and loss, and its form as a string.
 
     250ms
     normal(122ms, 190ms) loss=1% seed=7
@@ -24,13 +24,14 @@ from common.errors import ConfigError, explain
 MAX_DELAY = 60.0
 """Longest delay accepted [s]."""
 _MAX_SPREAD = 1e6
-"""Of log-normal delays: beyond it their mean is made of draws that never come."""
+"""Largest standard deviation of log-normal delays, as a multiple of their mean: beyond it, draws
+that never come make up the mean."""
 
 PRESETS: Mapping[str, str] = {"paper": "lognormal(122ms, 190ms) corr=10s"}
 """Specifications with a name.
 
-``paper`` is the TRILL paper's real robot, of whose control latency it gives mean and standard
-deviation only, 122 ± 190 ms. Log-normal, because a normal distribution of that width puts a
+``paper`` is the real robot of the TRILL paper, which gives only mean and standard deviation of its
+control latency, 122 ± 190 ms. Log-normal, because a normal distribution of that width puts a
 quarter of the delays below 0, where they count as 0, and so has a mean of 152 ms. Correlated over
 seconds, because the order of messages is kept: a delay can then fall no faster than time passes,
 50 ms from one message to the next at 20 Hz, and from a tail that reaches a second it takes long to
@@ -79,7 +80,7 @@ class LinkSpec(BaseModel):
     correlation: Delay = Field(
         default=0.0, description="time constant of the jitter [s]; 0: independent draws"
     )
-    seed: int | None = Field(default=None, ge=0, lt=2**63, description="None: the runner's")
+    seed: int | None = Field(default=None, ge=0, lt=2**63, description="None: the seed of the run")
 
     @classmethod
     def parse(cls, text: str) -> Self:

@@ -1,25 +1,29 @@
-"""``trill latency``: injected delays of a running system, and what one will do."""
+"""``trill latency``: read and set the injected delays of a running system, and predict them."""
 
 import argparse
 import contextlib
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
-from common.links.config import checked_spec
-from common.links.names import LinkName, alias_help, parse_name
+from common.links.config import ALIASES, LinkName, checked_spec
 from common.links.spec import PRESETS, LinkSpec
-from common.transport.config import BusConfig, bus_of, split_list
+from common.transport.config import bus_of, split_list
 from lab.cli.commands import Command, run_chosen
 from lab.errors import LabError
 
+if TYPE_CHECKING:
+    from common.links.client import Answers
+
 SESSION = "latency"
-"""Not in the port table: comes in beside whatever runs."""
+"""Name on the bus; not in the port table, so it joins whatever runs."""
+_ALIASES = "\n".join(f"  {name:<10} {alias.description}" for name, alias in ALIASES.items())
 _PRESETS = "\n".join(f"  {name:<10} {text}" for name, text in PRESETS.items())
 _NAMES = f"""names:
-{alias_help()}
+{_ALIASES}
   TOPIC, SERVICE:TOPIC, SERVICE:camera ...: one topic, for all or one consumer.
   The emergency stop, requests to the plant and wbc/command are delayed under their own names
   only. Careful with wbc/command: the plant's guard holds the robot when a joint command is older
@@ -32,19 +36,20 @@ _SPECS = f"""specifications:
 {_PRESETS}
              (the TRILL paper's real robot, 122 ± 190 ms; the mean over one minute varies widely)
   Messages keep their order unless order=free, which makes a wide jitter longer than asked for:
-  trill latency explain tells by how much, and what to write instead."""
+  trill latency explain predicts by how much and names remedies."""
 
-TEXT = f"""Inject latency, jitter and loss on links of a running system, see what they do, or
-compute it beforehand. A change holds for services that are started later, too, as long as one
-service keeps running; it is in the log as LinkChange, and its delay in every message's header.
+TEXT = f"""Inject latency, jitter and loss on links of a running system, measure what they do, or
+predict it beforehand. A change also holds for services that are started later, as long as one
+service keeps running. It is in the log as LinkChange, and its delay in every message's header.
 
 {_NAMES}
 
 {_SPECS}
 
-At the start the same names and specifications are taken by trill up, demo and drive
-(--latency command=250ms), by every service (--link), by TRILL_LINKS and by [links] in the
-configuration file. The later of these wins, and within one the more specific name."""
+trill up, demo and drive take the same names and specifications at the start (--latency
+command=250ms), and so do every service (--link), TRILL_LINKS and the table [links] of the
+configuration file. What is set while the system runs wins over --link, that over TRILL_LINKS and
+--latency, and these over the file; within one of them the more specific name wins."""
 EXAMPLES = """examples:
   trill latency show
   trill latency set command 250ms
@@ -63,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what the subcommand says; exit code 0, or 1 if nobody answered or was concerned."""
+    """Run the subcommand; exit code 0, or 1 if a service refused."""
     return run_chosen(arguments, "latency")
 
 
@@ -94,7 +99,7 @@ def _clear_options(parser: argparse.ArgumentParser) -> None:
 def _explain_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("spec", nargs="+", help="a specification")
     parser.add_argument("--rate", type=float, default=20.0, help="messages per second (20)")
-    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="draw a histogram")
+    parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot a histogram")
 
 
 def _reach(parser: argparse.ArgumentParser) -> None:
@@ -109,129 +114,132 @@ def _reach(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _bus(arguments: argparse.Namespace) -> BusConfig:
-    bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-    if arguments.connect:
-        return bus.model_copy(update={"mode": "client", "connect": arguments.connect})
-    return bus
-
-
 @contextlib.contextmanager
-def _session(bus: BusConfig) -> Iterator[Any]:
+def _session(arguments: argparse.Namespace) -> Iterator[tuple[Any, str]]:
+    """Open a session on the bus of a running system; yields it with the robot's name."""
     from common.transport.session import open_session
 
+    bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
+    if arguments.connect:
+        bus = bus.model_copy(update={"mode": "client", "connect": arguments.connect})
     session: Any = open_session(bus, SESSION)
     try:
-        yield session
+        yield session, bus.robot
     finally:
         session.close()
 
 
 def _show(arguments: argparse.Namespace) -> int:
-    from common.links.client import everybody
+    from common.links.client import read_links
 
-    bus = _bus(arguments)
-    with _session(bus) as session:
-        answers = everybody(session, bus.robot)
-    _print_links(answers.replies.values())
-    return _complain(answers.errors)
+    with _session(arguments) as (session, robot):
+        return _print_answers(read_links(session, robot))
 
 
 def _set(arguments: argparse.Namespace) -> int:
-    from deploy.latency import warnings
+    from lab.trials.links import link_warnings
 
-    name = _name(arguments.name)
-    text = " ".join(arguments.spec)
-    spec = checked_spec(name.text, text)
-    bus = _bus(arguments)
-    for warning in warnings({name.text: spec}):
+    name = LinkName.parse(arguments.name)
+    spec = checked_spec(name.text, " ".join(arguments.spec))
+    for warning in link_warnings({name.text: spec}):
         print(f"trill: {warning}", file=sys.stderr)
-    return _change(bus, name, spec)
+    return _change(arguments, name, spec)
 
 
 def _clear(arguments: argparse.Namespace) -> int:
-    name = None if arguments.name is None else _name(arguments.name)
-    return _change(_bus(arguments), name, None)
+    name = None if arguments.name is None else LinkName.parse(arguments.name)
+    return _change(arguments, name, LinkSpec())
 
 
-def _change(bus: BusConfig, name: LinkName | None, spec: LinkSpec | None) -> int:
-    """Change links and show the inputs concerned; 1 if there are none."""
-    from common.links.client import change, everybody
+def _change(arguments: argparse.Namespace, name: LinkName | None, spec: LinkSpec) -> int:
+    """Put ``spec`` on the links called ``name`` (None: on all), and print what has changed.
 
-    with _session(bus) as session:
-        before = everybody(session, bus.robot).replies
-        readers = [
-            (service, row.topic)
-            for service, reply in before.items()
+    Raises:
+        LabError: no service reads what is named, or one that does gives no answer.
+    """
+    from common.links.client import ask, read_links
+
+    with _session(arguments) as (session, robot):
+        before = read_links(session, robot)
+        now = time.time_ns()
+        if name is None:
+            live = before.live.without_links(now)
+        else:
+            live = before.live.with_links({name.text: spec}, now)
+        links = {
+            (service, row.topic): row.link
+            for service, reply in before.replies.items()
             for row in reply.inputs
             if name is None or name.covers(service, row.topic)
-        ]
-        if name is not None and not readers:
+        }
+        if name is not None and not links:
             raise LabError(
-                f"nobody reads {name.text}: nothing is changed. Running: {', '.join(before)}; "
-                "start what reads it first (an operator, for camera and feedback)"
+                f"no running service reads {name.text}: nothing is changed. Running: "
+                f"{', '.join(before.replies)}; start what reads it first (an operator, for camera "
+                "and feedback)"
             )
-        answers = change(session, bus.robot, None if name is None else {name.text: spec})
-        after = everybody(session, bus.robot).replies
-    for service, reply in answers.replies.items():
-        for changed in reply.changed:
-            if changed.previous != changed.link or name is not None:
-                was = f"was {changed.previous or 'none'}"
-                print(f"{service}: {changed.topic}: {changed.link or 'no delay'} ({was})")
-    missed = {service for service, _ in readers} - answers.replies.keys()
-    _print_links(after.values())
-    if missed and not answers.errors:
+        after = ask(session, robot, live)
+    for service, reply in after.replies.items():
+        for row in reply.inputs:
+            previous = links.get((service, row.topic))
+            if previous is not None and (name is not None or previous != row.link):
+                was = f"was {previous or 'none'}"
+                print(f"{service}: {row.topic}: {row.link or 'no delay'} ({was})")
+    code = _print_answers(after)
+    missed = {service for service, _ in links} - after.replies.keys()
+    if missed and not after.errors:
         raise LabError(f"no answer from {', '.join(sorted(missed))}; look with `latency show`")
-    return _complain(answers.errors)
+    return code
 
 
 def _explain(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
-    from common.links.predict import advice, predict
-    from lab.monitor.latency_text import prediction_table, prediction_words
+    from common.links.predict import predict
+    from lab.monitor.latency_text import prediction_table, prediction_text
 
     if not arguments.rate > 0.0:
         raise ConfigError(f"--rate: expected messages per second above 0, got {arguments.rate:g}")
-    told = predict(LinkSpec.parse(" ".join(arguments.spec)), arguments.rate)
-    print(f"{told.spec}, {told.rate:g} messages per second")
-    Console().print(prediction_table(told))
-    print(prediction_words(told))
-    if warning := advice(told):
-        print(f"warning: {warning}")
+    prediction = predict(LinkSpec.parse(" ".join(arguments.spec)), arguments.rate)
+    title = f"{prediction.spec}, {prediction.rate:g} messages per second"
+    print(title)
+    Console().print(prediction_table(prediction))
+    print(prediction_text(prediction))
+    if prediction.warning:
+        print(f"warning: {prediction.warning}")
     if arguments.plot is not None:
         from lab.review.delay_plot import Panel, write_histograms
 
-        marks = (("asked mean", told.requested.mean), ("mean", told.predicted.mean))
-        title = f"{told.spec}  at {told.rate:g} messages/s"
-        write_histograms(arguments.plot, [Panel(title, told.delays, marks)])
-        print(f"drawn in {arguments.plot}")
+        requested, predicted = prediction.requested.mean, prediction.predicted.mean
+        marks = (("requested mean", requested), ("predicted mean", predicted))
+        write_histograms(arguments.plot, [Panel(title, prediction.delays, marks)])
+        print(f"plotted in {arguments.plot}")
     return 0
 
 
-def _name(text: str) -> LinkName:
-    """A name of which only the bus knows whether its service exists."""
-    service, _, _ = text.rpartition(":")
-    return parse_name(text, also=[service] if service else [])
-
-
-def _print_links(replies: Any) -> None:
+def _print_answers(answers: "Answers") -> int:
+    """Print all links and the refusals; exit code 1 if there are any."""
     from rich.console import Console
 
     from lab.monitor.latency_text import links_table
 
-    Console(width=None if sys.stdout.isatty() else 140).print(links_table(replies))
-
-
-def _complain(errors: tuple[str, ...]) -> int:
-    for error in errors:
+    width = None if sys.stdout.isatty() else 140
+    Console(width=width).print(links_table(answers.replies.values()))
+    for error in answers.errors:
         print(f"trill: {error}", file=sys.stderr)
-    return int(bool(errors))
+    return int(bool(answers.errors))
 
 
 _HOW = f"{_NAMES}\n\n{_SPECS}"
 ACTIONS = (
-    Command("show", "what is injected now", "Every input of every service.", "", _reach, _show),
+    Command(
+        "show",
+        "list the delays injected now",
+        "List every input of every service with its delay, requested and achieved.",
+        "",
+        _reach,
+        _show,
+    ),
     Command(
         "set",
         "put a delay on links",
@@ -242,16 +250,16 @@ ACTIONS = (
     ),
     Command(
         "clear",
-        "take delays away",
-        "Take away a delay, or all of them.",
+        "remove delays from links",
+        "Remove a delay, or all of them, configured ones included.",
         "",
         _clear_options,
         _clear,
     ),
     Command(
         "explain",
-        "what a delay will do",
-        "Compute, without any system, what a specification will do to messages at a rate.",
+        "predict the delays of a specification",
+        "Predict, without any system, the delays that a specification yields at a message rate.",
         _HOW,
         _explain_options,
         _explain,

@@ -98,7 +98,7 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
-    from deploy.latency import system_links
+    from lab.trials.links import system_links
 
     own = {} if arguments.task is None else _links_of(arguments.task)
     return SystemOptions(

@@ -59,7 +59,7 @@ def _sheet(film: Film, commanded: Mapping[Gait, Pose2], progress: Progress) -> I
         tiles.append(caption(image, text))
         progress(len(tiles), len(chosen))
     tiles += _eyes(film, chosen)
-    tiles.append(caption(plot_path(film, commanded, *TILE), "path from above (rings: commanded)"))
+    tiles.append(plot_path(film, commanded, *TILE))
     return contact_sheet(tiles, COLUMNS)
 
 

@@ -271,7 +271,8 @@ def test_a_latency_file_sets_the_command_link_and_nothing_else(override: str, de
     assert {name: after[name] for name in before} == before
     assert after.keys() - before.keys() == {"TRILL_LINKS"}
     links = Links.from_table(parse_link_options(after["TRILL_LINKS"].split(";")))
-    assert set(links.table) == {"wbc:teleop/setpoint", "wbc:teleop/gait"}
+    (layer,) = links.layers
+    assert {name.text for name in layer} == {"wbc:teleop/setpoint", "wbc:teleop/gait"}
     for topic in ("teleop/setpoint", "teleop/gait"):
         assert links.of("wbc", topic) == LinkSpec.model_validate(f"{1000 * delay:g}ms")
         assert links.of("logger", topic) is None

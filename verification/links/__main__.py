@@ -1,19 +1,16 @@
 """``python -m verification.links``: measure injected delays, print a table, keep the numbers."""
 
 import argparse
-import csv
 import json
 import logging
 import os
 import socket
 import sys
-from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import track
 from rich.table import Table
 
 from common.errors import TrillError
@@ -21,11 +18,13 @@ from common.links.spec import LinkSpec
 from lab.review.delay_plot import Panel, write_histograms
 from verification.links import simulated
 from verification.links.live import bench
-from verification.links.records import Result, Takes
+from verification.links.measurement import Measurement
 
 LINKS = ("0", "250ms", "500ms", "normal(122ms, 190ms) seed=7", "paper seed=7")
-
-Measured = list[tuple[Result, Takes]]
+COLUMNS = (
+    *("requested mean", "requested p99", "predicted mean"),
+    *("achieved mean", "achieved p50", "achieved p99", "late p50", "late p99"),
+)
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
@@ -42,114 +41,82 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--simulated", type=float, default=600.0, help="the same, virtual (600)")
     parser.add_argument("--links", nargs="+", default=list(LINKS), metavar="SPEC")
     parser.add_argument("--no-live", action="store_true", help="simulated time only")
-    parser.add_argument("--base-port", type=int, help="free ports (found)")
     parser.add_argument("--rt-priority", type=int, help="SCHED_FIFO; 0: none (as the services)")
     parser.add_argument("--out", type=Path, default=Path("runs/studies/links"))
     return parser.parse_args(argv)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Measure; 0, or 1 if the processes cannot be measured, 2 for a wrong link."""
+    """Measure; exit code 0, 1 if the processes cannot be measured, or 2 for a wrong link."""
     arguments = _parse(argv)
     logging.basicConfig(level=logging.WARNING)
+    about: dict[str, Any] = {"cores": os.cpu_count(), "load": [os.getloadavg()[0]]}
+    code = 2
     try:
         for link in arguments.links:
             LinkSpec.parse(link)
+        code = 1
+        measured = _measure(arguments, about)
     except TrillError as error:
         print(f"links: {error}", file=sys.stderr)
-        return 2
-    loads = [os.getloadavg()[0]]
-    scheduling: dict[str, str] = {}
-    try:
-        measured = [*_simulated(arguments), *_live(arguments, scheduling)]
-    except TrillError as error:
-        print(f"links: {error}", file=sys.stderr)
-        return 1
-    loads.append(os.getloadavg()[0])
-    about = {
-        "load": [round(load, 1) for load in loads],
-        "cores": os.cpu_count(),
-        "scheduling": scheduling,
-    }
-    results = [found for found, _ in measured]
-    Console(width=None if sys.stdout.isatty() else 150).print(_table(results))
-    print(f"load {loads[0]:.1f} to {loads[1]:.1f} on {os.cpu_count()} cores; {scheduling or ''}")
+        return code
+    about["load"].append(os.getloadavg()[0])
+    Console(width=None if sys.stdout.isatty() else 150).print(_table(measured))
+    print(", ".join(f"{key}: {value}" for key, value in about.items()))
     _write(arguments.out, measured, about)
-    print(f"numbers in {arguments.out}.json and .csv, distributions in {arguments.out}.png")
+    print(f"numbers in {arguments.out}.json, distributions in {arguments.out}.png")
     return 0
 
 
-def _simulated(arguments: argparse.Namespace) -> Iterator[tuple[Result, Takes]]:
-    with Progress(transient=True) as progress:
-        for link in progress.track(arguments.links, description="simulated"):
-            yield from simulated.measure(link, arguments.simulated)
+def _measure(arguments: argparse.Namespace, about: dict[str, Any]) -> list[Measurement]:
+    measured = []
+    for link in track(arguments.links, "simulated", transient=True):
+        measured += simulated.measure(link, arguments.simulated)
+    if not arguments.no_live:
+        with bench(_free_base_port(), arguments.rt_priority) as running:
+            for link in track(arguments.links, "live", transient=True):
+                measured += running.measure(link, arguments.seconds)
+            about["scheduling"] = running.scheduling()
+    return measured
 
 
-def _live(
-    arguments: argparse.Namespace, scheduling: dict[str, str]
-) -> Iterator[tuple[Result, Takes]]:
-    if arguments.no_live:
-        return
-    base_port = arguments.base_port or _free_base_port()
-    with bench(base_port, arguments.rt_priority) as running, Progress(transient=True) as progress:
-        for link in progress.track(arguments.links, description="live"):
-            yield from running.measure(link, arguments.seconds)
-        scheduling |= running.scheduling
-
-
-def _table(results: list[Result]) -> Table:
+def _table(measured: list[Measurement]) -> Table:
     table = Table(title="delays in ms", title_justify="left")
     for name in ("where", "consumer", "link"):
         table.add_column(name, overflow="fold")
-    for name in ("n", "asked mean", "p50", "p99", "foretold mean", "achieved mean", "p50", "p99"):
+    for name in ("n", *COLUMNS):
         table.add_column(name, justify="right")
-    for name in ("late p50", "p99", "≤ 1 ms"):
-        table.add_column(name, justify="right")
-    for one in results:
-        asked, done = one.requested, one.achieved
-        seconds = (asked.mean, asked.p50, asked.p99, one.predicted.mean, done.mean, done.p50)
+    for one in measured:
+        figures = {
+            f"{kind} {name}": f"{1e3 * seconds:.2f}"
+            for kind, summary in one.summaries.items()
+            for name, seconds in summary._asdict().items()
+        }
         table.add_row(
             one.where,
             one.consumer,
             one.link,
-            str(one.messages),
-            *(f"{1e3 * value:.1f}" for value in (*seconds, done.p99)),
-            f"{1e3 * one.error_p50:.2f}",
-            f"{1e3 * one.error_p99:.2f}",
-            f"{100 * one.on_time:.1f} %",
+            str(len(one.late)),
+            *(figures[name] for name in COLUMNS),
         )
     return table
 
 
-def _write(out: Path, measured: Measured, about: dict[str, Any]) -> None:
+def _write(out: Path, measured: list[Measurement], about: dict[str, Any]) -> None:
     out.parent.mkdir(parents=True, exist_ok=True)
-    rows = [asdict(found) for found, _ in measured]
-    text = json.dumps({"about": about, "results": rows}, indent=1, ensure_ascii=False)
+    content = {"about": about, "results": [one.as_json() for one in measured]}
+    text = json.dumps(content, indent=1, ensure_ascii=False)
     out.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
-    with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
-        flat = [_flat(row) for row in rows]
-        writer = csv.DictWriter(file, list(flat[0]))
-        writer.writeheader()
-        writer.writerows(flat)
+    links = list(dict.fromkeys(one.link for one in measured))
     panels = [
         Panel(
-            f"{found.where}: {found.consumer}: {found.link}   n = {found.messages}",
-            takes.achieved,
-            (("asked mean", found.requested.mean), ("achieved mean", found.achieved.mean)),
+            f"{one.where}: {one.consumer}: {one.link}   n = {len(one.late)}",
+            one.achieved.tolist(),
+            [(f"{kind} mean", one.summaries[kind].mean) for kind in ("requested", "achieved")],
         )
-        for found, takes in measured
+        for one in sorted(measured, key=lambda one: links.index(one.link))
     ]
-    write_histograms(out.with_suffix(".png"), panels, columns=3)
-
-
-def _flat(row: dict[str, Any]) -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in row.items():
-        if isinstance(value, dict):
-            flat |= {f"{key}_{name}": figure for name, figure in value.items()}
-        else:
-            flat[key] = value
-    return flat
+    write_histograms(out.with_suffix(".png"), panels, columns=len(measured) // len(links))
 
 
 def _free_base_port() -> int:

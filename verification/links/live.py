@@ -1,97 +1,69 @@
-"""The links live: sender and consumers are processes, set and measured from here over the bus."""
+"""Measure links live: sender and consumers are processes, and links are set over the bus."""
 
 import os
 import subprocess
 import sys
 import time
-from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from common.errors import TrillError
-from common.inbox.inbox import Inbox
-from common.inbox.subscriptions import subscribe
-from common.links.client import change, everybody
+from common.journal.ledger import Ledger
+from common.links.client import read_links, set_links
 from common.links.spec import LinkSpec
-from common.schemas import StepJournal
+from common.schemas import ServiceHealth, StepJournal
 from common.topics import HEALTH, JOURNAL
 from common.transport.config import BusConfig
 from common.transport.keys import subscription_of
 from common.transport.session import open_session
+from common.transport.tap import RawTap
 from common.wire.codec import decode
-from verification.links.parts import Sender, consumers
-from verification.links.records import Result, Takes, result
+from verification.links.measurement import Measurement, measurements
+from verification.links.parts import LINKS, PART, Sender, live_consumers
 
-SETTLE_S = 1.5
-DRAIN_S = 8.0
-"""Nearly every delay is over by then [s]."""
+SETTLE_S = 8.0
+"""Longer than nearly every delay: by then messages leave the link as often as they come [s]."""
 START_S = 60.0
+_JOURNAL_S = 1.0
+"""By then the journal of a step has arrived [s]."""
 
 
 class Bench:
-    """Running processes, and a listener to their journals."""
+    """Running sender and consumers."""
 
     def __init__(self, session: Any, robot: str) -> None:
-        """Listen."""
+        """Listen to the journals and health messages of the services."""
         self._session, self._robot = session, robot
-        self.seen = {part.name: Takes() for part in consumers().values()}
-        self.scheduling: dict[str, str] = {}
-        self._inbox = Inbox((HEALTH,))
-        # Every journal counts, also if this process is late; an inbox would keep the latest.
-        self._journals: deque[bytes] = deque()
-        self._subscribers = subscribe(session, robot, self._inbox, (HEALTH,))
-        self._subscribers.append(
-            session.declare_subscriber(
-                subscription_of(robot, JOURNAL),
-                lambda sample: self._journals.append(sample.payload.to_bytes()),
-            )
-        )
+        self._journals = RawTap(session, robot, expressions=[subscription_of(robot, JOURNAL)])
+        self._healths = RawTap(session, robot, expressions=[subscription_of(robot, HEALTH)])
 
-    def listen(self, seconds: float, until: Callable[[], bool] = lambda: False) -> None:
-        """Take in journals for a while."""
-        end = time.monotonic() + seconds
-        while time.monotonic() < end and not until():
-            self._inbox.begin_step(time.monotonic_ns())
-            for name, health in self._inbox.latest_by_source(HEALTH).items():
-                self.scheduling[name] = health.realtime
-            while self._journals:
-                journal = decode(self._journals.popleft(), StepJournal)
-                if journal.service in self.seen:
-                    self.seen[journal.service].add(journal)
-            time.sleep(0.02)
-
-    def measure(
-        self, link: str, seconds: float, drain_s: float = DRAIN_S
-    ) -> list[tuple[Result, Takes]]:
-        """Set ``link`` on the running consumers and measure for ``seconds``.
-
-        What arrived in that time is waited for ``drain_s`` longer.
+    def measure(self, link: str, seconds: float, settle_s: float = SETTLE_S) -> list[Measurement]:
+        """Set ``link`` on the running consumers, let it settle and measure for ``seconds``.
 
         Raises:
-            LinkControlError: nobody answers.
-            TrillError: a consumer refuses.
+            LinkControlError: no service answers.
+            TrillError: a consumer refuses, or receives no message.
         """
-        spec = LinkSpec.parse(link)
-        links: dict[str, LinkSpec | None] = {"teleop/setpoint": spec, "camera/left": spec}
-        answers = change(self._session, self._robot, links)
+        links = dict.fromkeys(LINKS, LinkSpec.parse(link))
+        answers = set_links(self._session, self._robot, links)
         if answers.errors:
             raise TrillError(f"{link} was refused: {'; '.join(answers.errors)}")
-        self.listen(SETTLE_S)
-        start = time.monotonic_ns()
-        self.listen(seconds)
+        time.sleep(settle_s)
+        begin = time.monotonic_ns()
+        time.sleep(seconds)
         end = time.monotonic_ns()
-        self.listen(drain_s)
-        found = []
-        for label, part in consumers().items():
-            takes = self.seen[part.name].between(start, end)
-            found.append((result("live", label, link, takes), takes))
-        return found
+        time.sleep(_JOURNAL_S)
+        ledger = Ledger()
+        for sample in self._journals.drain():
+            ledger.add(decode(sample.payload, StepJournal), begin, end)
+        return measurements("live", link, live_consumers(), ledger)
 
-    def close(self) -> None:
-        """Listen no more."""
-        self._subscribers.clear()
+    def scheduling(self) -> dict[str, str]:
+        """Return the real-time scheduling that each service reports."""
+        healths = [decode(sample.payload, ServiceHealth) for sample in self._healths.drain()]
+        return {health.header.source: health.realtime for health in healths}
 
 
 @contextmanager
@@ -100,43 +72,30 @@ def bench(base_port: int, priority: int | None = None) -> Iterator[Bench]:
 
     Args:
         base_port: first of free ports.
-        priority: SCHED_FIFO priority of them; None: the services' usual one, if permitted.
+        priority: their SCHED_FIFO priority; None: the services' usual one, if permitted.
 
     Raises:
         LinkControlError: they do not start.
     """
-    names = [Sender.name, *(part.name for part in consumers().values())]
+    names = {Sender.name, *(consumer.name for consumer in live_consumers().values())}
     clean = {k: v for k, v in os.environ.items() if not k.startswith("TRILL_")}
-    root = str(Path(__file__).parents[2])
-    options = [] if priority is None else ["--rt-priority", str(priority)]
+    clean["PYTHONPATH"] = str(Path(__file__).parents[2])
+    command = [sys.executable, "-m", "verification.links.parts", "--base-port", str(base_port)]
+    if priority is not None:
+        command += ["--rt-priority", str(priority)]
     processes = [
-        subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "verification.links.parts",
-                "--base-port",
-                str(base_port),
-                *options,
-            ],
-            env=clean | {"LINK_STUDY_PART": name, "PYTHONPATH": root},
-            stderr=subprocess.DEVNULL,
-        )
-        for name in names
+        subprocess.Popen(command, env=clean | {PART: name}, stderr=subprocess.DEVNULL)
+        for name in sorted(names)
     ]
     config = BusConfig(base_port=base_port)
     session: Any = open_session(config, "monitor")
-    running = Bench(session, config.robot)
     try:
         give_up = time.monotonic() + START_S
-        while time.monotonic() < give_up:
-            there = everybody(session, config.robot, START_S).replies.keys()
-            if there >= set(names):
+        while not names <= read_links(session, config.robot, START_S).replies.keys():
+            if time.monotonic() > give_up:
                 break
-        running.listen(START_S, lambda: all(takes.rows for takes in running.seen.values()))
-        yield running
+        yield Bench(session, config.robot)
     finally:
-        running.close()
         session.close()
         for process in processes:
             process.terminate()

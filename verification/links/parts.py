@@ -13,14 +13,18 @@ from common.runtime.service import Inputs, Output, Service
 from common.schemas import CameraFrame, Header, Setpoint
 from common.topics import CAMERA_LEFT, TELEOP_SETPOINT, Topic
 
+LINKS = (TELEOP_SETPOINT.name, CAMERA_LEFT.name)
+"""The links that are measured."""
 RATE = 20.0
-"""Of both links [Hz]."""
-PERIOD_NS = round(1e9 / RATE)
-STEP_NS = 10_000_000
-"""Of a consumer that steps by the clock."""
-PICTURE_BYTES = 28_000
-"""Of a JPEG of the robot's cameras."""
+"""Messages per second on both links."""
+PART = "LINK_STUDY_PART"
+"""Environment variable with the name of the service that the script runs."""
 
+_PERIOD_NS = round(1e9 / RATE)
+_STEP_NS = 10_000_000
+"""Period of a consumer that steps by the clock."""
+_PICTURE_BYTES = 28_000
+"""Size of a JPEG of the robot's cameras."""
 _UNIT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -28,12 +32,8 @@ class Sender(Service):
     """Sends set-points and pictures at 20 Hz each."""
 
     name = "teleop"
-    period_ns = PERIOD_NS
+    period_ns = _PERIOD_NS
     writes: tuple[Topic[Any], ...] = (TELEOP_SETPOINT, CAMERA_LEFT)
-
-    def __init__(self) -> None:
-        """Make what is sent."""
-        self._picture = bytes(PICTURE_BYTES)
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Send one of each."""
@@ -48,51 +48,51 @@ class Sender(Service):
             gripper_closure=np.zeros(2),
             neck_pitch=0.0,
         )
+        picture = bytes(_PICTURE_BYTES)
         frame = CameraFrame(
-            header=header, eye="left", width=400, height=300, encoding="jpeg", data=self._picture
+            header=header, eye="left", width=400, height=300, encoding="jpeg", data=picture
         )
         return [Output(TELEOP_SETPOINT, setpoint), Output(CAMERA_LEFT, frame)]
 
 
 class Consumer(Service):
-    """Reads one link; that it took in a message, and when, is in its journal."""
+    """Reads one link; its journal says which message each step had."""
 
-    def __init__(self, name: str, topic: Topic[Any], *, triggered: bool) -> None:
-        """Step by the clock at 100 Hz, or with the messages."""
+    def __init__(self, name: str, topic: Topic[Any], *, triggered: bool = False) -> None:
+        """Step with the messages if ``triggered``, else by the clock at 100 Hz."""
         self.name = name
         self.reads = (topic,)
         self.trigger = topic if triggered else None
-        self.period_ns = PERIOD_NS if triggered else STEP_NS
+        self.period_ns = _PERIOD_NS if triggered else _STEP_NS
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
-        """Nothing to do: the inbox has taken in what fell due."""
+        """Do nothing: the inbox has taken in what fell due."""
         del inputs, now_ns
         return []
 
 
-def consumers() -> dict[str, Consumer]:
-    """Those that are measured, by what they stand for."""
+def live_consumers() -> dict[str, Consumer]:
+    """Return the consumers of a live measurement by their labels."""
     return {
-        "command at 100 Hz": Consumer("wbc", TELEOP_SETPOINT, triggered=False),
+        "command at 100 Hz": Consumer("wbc", TELEOP_SETPOINT),
         "command, triggered": Consumer("policy", TELEOP_SETPOINT, triggered=True),
         "camera, triggered": Consumer("keyboard", CAMERA_LEFT, triggered=True),
     }
 
 
 def simulated_consumers() -> dict[str, Consumer]:
-    """The same in simulated time, where everything steps by the clock."""
+    """Return those of simulated time, where every service steps by the clock."""
     return {
-        "command at 100 Hz": Consumer("wbc", TELEOP_SETPOINT, triggered=False),
-        "camera at 100 Hz": Consumer("keyboard", CAMERA_LEFT, triggered=False),
+        "command at 100 Hz": Consumer("wbc", TELEOP_SETPOINT),
+        "camera at 100 Hz": Consumer("keyboard", CAMERA_LEFT),
     }
 
 
 def _build(arguments: argparse.Namespace) -> Service:
     del arguments
-    name = os.environ["LINK_STUDY_PART"]
-    named: dict[str, Service] = {part.name: part for part in consumers().values()}
-    return named.get(name) or Sender()
+    services: list[Service] = [Sender(), *live_consumers().values()]
+    return next(service for service in services if service.name == os.environ[PART])
 
 
 if __name__ == "__main__":
-    sys.exit(run_live(_build, os.environ["LINK_STUDY_PART"]))
+    sys.exit(run_live(_build, os.environ[PART]))

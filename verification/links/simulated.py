@@ -1,36 +1,26 @@
-"""The links in simulated time."""
+"""Measure links in simulated time."""
 
+from common.journal.ledger import Ledger
 from common.runtime.simulated.runner import SimTimeRunner
-from common.schemas import StepJournal
 from common.topics import JOURNAL
-from verification.links.parts import Sender, simulated_consumers
-from verification.links.records import Result, Takes, result
+from verification.links.measurement import Measurement, measurements
+from verification.links.parts import LINKS, Sender, simulated_consumers
 
-SETTLE_S = 1.0
-DRAIN_S = 20.0
-"""Longer than nearly any delay [s]."""
+SETTLE_S = 20.0
+"""Longer than nearly every delay: by then messages leave the link as often as they come [s]."""
 
 
-def measure(link: str, seconds: float, seed: int = 0) -> list[tuple[Result, Takes]]:
+def measure(link: str, seconds: float, seed: int = 0) -> list[Measurement]:
     """Set ``link`` on every input at a virtual time and measure for ``seconds`` of it."""
-    parts = simulated_consumers()
-    runner = SimTimeRunner([Sender(), *parts.values()], seed=seed, journal=True)
-    seen = {part.name: Takes() for part in parts.values()}
-
-    def note(message: StepJournal) -> None:
-        if message.service in seen:
-            seen[message.service].add(message)
-
-    runner.on_message(JOURNAL, note)
-    runner.run_for(SETTLE_S)
-    start = runner.now_ns
-    for name in ("teleop/setpoint", "camera/left"):
+    consumers = simulated_consumers()
+    runner = SimTimeRunner([Sender(), *consumers.values()], seed=seed, journal=True)
+    runner.run_for(1.0)
+    for name in LINKS:
         runner.set_link(name, link)
-    runner.run_for(seconds)
-    end = runner.now_ns
-    runner.run_for(DRAIN_S)
-    found = []
-    for label, part in parts.items():
-        takes = seen[part.name].between(start, end)
-        found.append((result("simulated", label, link, takes), takes))
-    return found
+    runner.run_for(SETTLE_S)
+    begin = runner.now_ns
+    end = begin + round(1e9 * seconds)
+    ledger = Ledger()
+    runner.on_message(JOURNAL, lambda journal: ledger.add(journal, begin, end))
+    runner.run_for(seconds + 1.0)
+    return measurements("simulated", link, consumers, ledger)

@@ -155,7 +155,7 @@ class SimTimeRunner:
         """Change links from now on, as ``trill latency set`` does; None: no delay any more.
 
         Args:
-            name: a topic or a short name, see :mod:`common.links.names`.
+            name: a topic or an alias, see :mod:`common.links.config`.
             spec: what to inject.
             service: the only consumer meant; None: every one.
 
@@ -166,8 +166,8 @@ class SimTimeRunner:
             ConfigError: name or specification is wrong.
             TrillError: no service reads what is named.
         """
-        inboxes = {host.service.name: host.inbox for host in self._hosts.values()}
-        changes = self._set_links.set(name, spec, inboxes, service)
+        full = name if service is None else f"{service}:{name}"
+        changes = self._set_links.set(full, spec)
         self._untold += changes
         self._tell_links()
         return changes

@@ -7,7 +7,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from common.errors import ConfigError, explain
 from common.links.config import Links
-from common.links.delay import requested
+from common.links.spec import LinkSpec
+from common.links.summary import requested
 
 RAW, BASELINE = "raw", "interpolation"
 DIRECTIONS = ("command", "feedback", "both")
@@ -76,8 +77,8 @@ class Condition(BaseModel):
 
     def asked(self, consumer: str, topic: str) -> tuple[float, float]:
         """Mean and 99th percentile of the delay asked for on one link [s]."""
-        spec = Links.from_table(self.links).of(consumer, topic)
-        return (0.0, 0.0) if spec is None else requested(spec)
+        asked = requested(Links.from_table(self.links).of(consumer, topic) or LinkSpec())
+        return asked.mean, asked.p99
 
     @property
     def delay(self) -> float:

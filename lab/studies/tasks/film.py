@@ -12,7 +12,7 @@ from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, T
 from lab.review.film import Film, gather
 from lab.review.frames import Image
 from lab.review.task_sheet import TILE, headline, task_sheet
-from lab.trials.links import links_words
+from lab.trials.links import links_text
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.stack import TaskStack
 from services.sim.rendering.cameras import CameraConfig, StereoRenderer
@@ -58,7 +58,7 @@ def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = 
         FilmError: the file cannot be written.
     """
     assert film.task is not None
-    links = "" if not result.links else f", link {links_words(result.links)}"
+    links = "" if not result.links else f", link {links_text(result.links)}"
     title = f"{headline(film, film.task)}, in simulated time{links}"
     if result.verdict != "success":
         title += f": {result.reason}"

@@ -4,7 +4,7 @@ import statistics
 from collections import Counter
 from collections.abc import Sequence
 
-from lab.trials.links import links_words
+from lab.trials.links import links_text
 from lab.trials.spec import TrialResult
 
 
@@ -41,7 +41,7 @@ def _row(task: str, results: Sequence[TrialResult]) -> str:
     spread = (
         f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else ""
     )
-    links = ", ".join(dict.fromkeys(links_words(result.links) for result in results))
+    links = ", ".join(dict.fromkeys(links_text(result.links) for result in results))
     speed = sum(r.simulated for r in results) / max(1e-9, sum(r.wall for r in results))
     return (
         f"| {task} | {links} | {len(results)} | {count['success']} | {count['partial']} "

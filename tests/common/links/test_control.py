@@ -1,16 +1,17 @@
-"""Live changes of links: what wins, what is refused, what a newcomer takes over."""
+"""Live changes of links: what wins, what is refused, what is kept."""
+
+from typing import Any
 
 import msgpack
 import pytest
 
+from common.errors import ConfigError
 from common.links.config import Links
 from common.links.control import (
     MAX_BYTES,
     LinkControlError,
-    LinkEntry,
     LinkReply,
-    LinkRequest,
-    LinkTable,
+    LiveLinks,
     from_wire,
     links_key,
     to_wire,
@@ -18,160 +19,130 @@ from common.links.control import (
 from common.links.spec import Distribution, LinkSpec
 
 CONFIGURED = Links.from_table({"wbc:teleop/setpoint": "10ms"})
+NO_DELAY = LinkSpec()
 
 
-def table(service: str = "wbc") -> LinkTable:
-    return LinkTable(service, CONFIGURED)
+def delay(seconds: float) -> LinkSpec:
+    return LinkSpec(mean=seconds)
 
 
-def ask(action: str = "set", version: int | None = None, **links: str | None) -> LinkRequest:
-    return LinkRequest.model_validate({"action": action, "links": links, "version": version})
+def trace(count: int) -> LinkSpec:
+    delays = tuple(1e-3 * (number % 97 + 0.1) for number in range(count))
+    return LinkSpec(distribution=Distribution.TRACE, trace=delays)
 
 
-def mean(of: LinkTable, topic: str) -> float | None:
-    spec = of.of(topic)
+def mean(live: LiveLinks, topic: str, service: str = "wbc") -> float | None:
+    spec = live.over(CONFIGURED).of(service, topic)
     return None if spec is None else spec.mean
 
 
 def test_live_wins_over_configured_and_clearing_over_both() -> None:
-    links = table()
-    assert mean(links, "teleop/setpoint") == 0.01
-    links.apply(ask(command="250ms"), 5)
-    assert (mean(links, "teleop/setpoint"), mean(links, "teleop/gait")) == (0.25, 0.25)
-    assert links.of("plant/state") is None
-    links.apply(ask(command=None), 6)
-    assert links.of("teleop/setpoint") is None
+    live = LiveLinks()
+    assert mean(live, "teleop/setpoint") == 0.01
+    live = live.with_links({"command": delay(0.25)}, 5)
+    assert (mean(live, "teleop/setpoint"), mean(live, "teleop/gait")) == (0.25, 0.25)
+    assert mean(live, "plant/state") is None
+    live = live.with_links({"command": NO_DELAY}, 6)
+    assert mean(live, "teleop/setpoint") == 0.0
 
 
 def test_later_change_wins_and_the_more_specific_in_one() -> None:
-    links = table()
-    links.apply(LinkRequest(action="set", links={"wbc:teleop/gait": LinkSpec(mean=0.1)}), 1)
-    links.apply(
-        LinkRequest.model_validate(
-            {"action": "set", "links": {"teleop/setpoint": "30ms", "command": "20ms"}}
-        ),
-        2,
-    )
-    assert (mean(links, "teleop/setpoint"), mean(links, "teleop/gait")) == (0.03, 0.02)
+    live = LiveLinks().with_links({"wbc:teleop/gait": delay(0.1)}, 1)
+    live = live.with_links({"teleop/setpoint": delay(0.03), "command": delay(0.02)}, 2)
+    assert (mean(live, "teleop/setpoint"), mean(live, "teleop/gait")) == (0.03, 0.02)
+    # A name that is set again is the newest.
+    live = live.with_links({"wbc:teleop/gait": delay(0.1)}, 3)
+    assert mean(live, "teleop/gait") == 0.1
+    assert [set(layer) for layer in live.layers] == [
+        {"teleop/setpoint", "command"},
+        {"wbc:teleop/gait"},
+    ]
 
 
 def test_versions_never_go_back() -> None:
-    links = table()
-    links.apply(ask(command="250ms"), 100)
+    first = LiveLinks().with_links({"command": delay(0.25)}, 100)
     # The wall clock was set back.
-    links.apply(ask(command="20ms"), 50)
-    assert links.version == 101
-    assert mean(links, "teleop/gait") == 0.02
-    with pytest.raises(LinkControlError, match=r"version 101.*older than what is in force"):
-        links.apply(ask(command="30ms", version=101), 0)
-    assert mean(links, "teleop/gait") == 0.02
+    second = first.with_links({"command": delay(0.02)}, 50)
+    assert (first.version, second.version, second.replaces) == (100, 101, 100)
+    assert (second.without_links(7).version, second.without_links(700).version) == (102, 700)
 
 
 def test_clear_forgets_what_was_before_it() -> None:
-    links = table()
-    links.apply(ask(command="250ms"), 1)
-    links.apply(ask("clear"), 2)
-    assert links.of("teleop/setpoint") is None
-    assert [entry.name for entry in links.entries] == ["*"]
-    links.apply(ask(command="5ms"), 3)
-    assert mean(links, "teleop/setpoint") == 0.005
+    live = LiveLinks().with_links({"command": delay(0.25)}, 1).without_links(2)
+    assert (live.layers, mean(live, "teleop/setpoint"), mean(live, "teleop/gait")) == (
+        (),
+        None,
+        None,
+    )
+    live = live.with_links({"teleop/gait": delay(0.005)}, 3)
+    # What was configured stays off.
+    assert (mean(live, "teleop/setpoint"), mean(live, "teleop/gait")) == (None, 0.005)
 
 
-def test_newcomer_takes_over_what_is_newer_in_whatever_order() -> None:
-    first, other = table("teleop"), table("sim")
-    first.apply(ask(command="250ms", version=10), 0)
-    first.apply(ask(camera="100ms", version=20), 0)
-    other.apply(ask(command="40ms", version=30), 0)
-    for order in ((first, other), (other, first)):
-        newcomer = table()
-        for peer in order:
-            newcomer.merge(peer.entries)
-        assert mean(newcomer, "teleop/setpoint") == 0.04
-        assert mean(newcomer, "camera/left") == 0.1
-    # What was cleared meanwhile does not come back from one who missed it.
-    other.apply(ask("clear", version=40), 0)
-    newcomer.merge(other.entries)
-    newcomer.merge(first.entries)
-    assert newcomer.of("camera/left") is None
+def test_setting_one_link_again_and_again_does_not_grow_the_document() -> None:
+    live = LiveLinks()
+    for number in range(1000):
+        live = live.with_links({"command": delay(1e-3), "camera": delay(1e-3)}, number)
+    assert len(live.layers) == 1
 
 
-def test_a_peer_cannot_make_up_names() -> None:
-    links = table()
-    links.merge([LinkEntry(name="nowhere", spec=None, version=9)])
-    assert links.entries == []
-    links.merge([LinkEntry(name="odd:estop", spec=LinkSpec(mean=1.0), version=9)])
-    assert links.of("estop") is None
-
-
-@pytest.mark.parametrize(
-    ("request_", "text"),
-    [
-        (ask(comand="5ms"), "no topic 'comand'"),
-        (ask(), "at least one name"),
-        (ask("clear", command="5ms"), "expected no links, got command"),
-        (ask("list", command="5ms"), "expected no links"),
-    ],
-)
-def test_impossible_requests_change_nothing(request_: LinkRequest, text: str) -> None:
-    links = table()
-    with pytest.raises(LinkControlError, match=text):
-        links.apply(request_, 1)
-    assert links.entries == []
+def test_unknown_names_are_refused_but_any_service_may_be_named() -> None:
+    with pytest.raises(ConfigError, match="comand"):
+        LiveLinks().with_links({"comand": delay(0.005)}, 1)
+    live = LiveLinks().with_links({"odd:estop": delay(1.0)}, 1)
+    assert (mean(live, "estop"), mean(live, "estop", "odd")) == (None, 1.0)
 
 
 def test_too_many_changes_are_refused() -> None:
-    links = table()
-    for number in range(256):
-        links.apply(LinkRequest(action="set", links={f"s{number}:estop": None}), number)
-    with pytest.raises(LinkControlError, match="more than 256"):
-        links.apply(ask(command="1ms"), 1000)
-    links.apply(ask("clear"), 1001)
-    assert [entry.name for entry in links.entries] == ["*"]
+    full = LiveLinks().with_links({f"s{number}:estop": NO_DELAY for number in range(256)}, 1)
+    with pytest.raises(LinkControlError, match="257 names"):
+        full.with_links({"command": delay(0.001)}, 2)
+    assert full.without_links(2).with_links({"command": delay(0.001)}, 3).layers
 
 
-def test_all_that_is_taken_can_be_told() -> None:
-    links = table()
+def test_the_longest_document_fits_into_a_reply() -> None:
+    live = LiveLinks().with_links({f"s{number}:estop": NO_DELAY for number in range(252)}, 1)
     for name in ("command", "camera", "estop", "plant/request"):
-        trace = tuple(1e-3 * (number % 97 + 0.1) for number in range(15_000))
-        spec = LinkSpec(distribution=Distribution.TRACE, trace=trace)
-        request = from_wire(to_wire(LinkRequest(action="set", links={name: spec})), LinkRequest)
-        links.apply(request, 1)
-        links.apply(request, 2)  # takes the place of the same
-    told = from_wire(to_wire(LinkReply(service="wbc", live=links.entries)), LinkReply)
-    assert told.live == links.entries
+        live = live.with_links({name: trace(15_000)}, 2)
+        live = live.with_links({name: trace(15_000)}, 3)  # takes the place of the same
+    assert from_wire(to_wire(LinkReply(service="wbc", live=live)), LinkReply).live == live
     with pytest.raises(LinkControlError, match="75000 recorded delays"):
-        links.apply(LinkRequest(action="set", links={"plant/status": spec}), 3)
-    peers = [LinkEntry(name=f"s{number}:estop", spec=None, version=9) for number in range(300)]
-    links.merge(peers)
-    assert from_wire(to_wire(LinkReply(service="wbc", live=links.entries)), LinkReply)
+        live.with_links({"s0:estop": trace(15_000)}, 4)
 
 
 def test_wire_form_round_trips() -> None:
     spec = LinkSpec.model_validate(
         {"distribution": "trace", "trace": [0.1, 0.2], "loss": 0.01, "keep_order": False}
     )
-    request = LinkRequest(action="set", links={"camera": spec, "estop": None}, version=7)
-    assert from_wire(to_wire(request), LinkRequest) == request
-    reply = LinkReply(service="wbc", live=[LinkEntry(name="camera", spec=spec, version=7)])
+    live = LiveLinks(cleared=True).with_links({"camera": spec, "estop": NO_DELAY}, 7)
+    assert from_wire(to_wire(live), LiveLinks) == live
+    reply = LinkReply(service="wbc", live=live)
     assert from_wire(to_wire(reply), LinkReply) == reply
     assert links_key("draco3", "wbc") == "draco3/links/wbc"
+
+
+def packed(**fields: Any) -> bytes:
+    payload: bytes = msgpack.packb(fields)
+    return payload
 
 
 @pytest.mark.parametrize(
     ("payload", "text"),
     [
-        (b"", "expected a msgpack map"),
-        (b"\xc1", "expected a msgpack map"),
+        (b"", "msgpack"),
+        (b"\xc1", "msgpack"),
         (msgpack.packb([1]), "is wrong"),
-        (msgpack.packb({"action": "destroy"}), "action"),
-        (msgpack.packb({"action": "list", "more": 1}), "more: no such key"),
-        (msgpack.packb({"action": "set", "links": {"camera": "soon"}}), "not a duration"),
-        (msgpack.packb({"action": "set", "links": {"camera": {"mean": float("nan")}}}), "mean"),
-        (msgpack.packb({"action": "set", "links": {"camera": " trace(/etc/passwd)"}}), "file"),
-        (msgpack.packb({"action": "set", "links": {"camera": f"5ms seed={2**64}"}}), "seed"),
-        (bytes(MAX_BYTES + 1), "expected at most 200000 bytes"),
+        (packed(version=-1), "version"),
+        (packed(more=1), "more: no such key"),
+        (packed(layers=[{"comand": "5ms"}]), "comand"),
+        (packed(layers=[{"camera": "soon"}]), "not a duration"),
+        (packed(layers=[{"camera": {"mean": float("nan")}}]), "mean"),
+        (packed(layers=[{"camera": " trace(/etc/passwd)"}]), "file"),
+        (packed(layers=[{"camera": f"5ms seed={2**64}"}]), "seed"),
+        (packed(layers=[{}] * 257), "layers"),
+        (bytes(MAX_BYTES + 1), "1000000 bytes"),
     ],
 )
 def test_garbage_is_refused_in_words(payload: bytes, text: str) -> None:
     with pytest.raises(LinkControlError, match=text):
-        from_wire(payload, LinkRequest)
+        from_wire(payload, LiveLinks)

@@ -6,7 +6,6 @@ from typing import Any
 import pytest
 
 from common.errors import ConfigError
-from common.links.config import Links, link_seed, parse_link_options
 from common.links.spec import Distribution, LinkSpec, parse_duration
 
 NORMAL, LOGNORMAL = Distribution.NORMAL, Distribution.LOGNORMAL
@@ -97,45 +96,3 @@ def test_trace_file(tmp_path: Path) -> None:
     path.write_text("# nothing\n")
     with pytest.raises(ConfigError, match="holds no delay"):
         LinkSpec.parse(f"trace({path})")
-
-
-def test_links_for_all_consumers_and_for_one() -> None:
-    links = Links.from_table({"plant/state": "5ms", "wbc:plant/state": "20ms"})
-    mine, others = links.of("wbc", "plant/state"), links.of("logger", "plant/state")
-    assert mine is not None
-    assert others is not None
-    assert (mine.mean, others.mean) == (0.02, 0.005)
-    assert links.of("wbc", "estop") is None
-
-
-def test_services_outside_the_port_table_have_to_be_announced() -> None:
-    with pytest.raises(ConfigError, match="no service 'second'"):
-        Links.from_table({"second:estop": "5ms"})
-    assert Links.from_table({"second:estop": "5ms"}, also=["second"]).of("second", "estop")
-
-
-@pytest.mark.parametrize(
-    ("table", "text"),
-    [
-        ({"plant/stat": "5ms"}, "no topic 'plant/stat'.*plant/state"),
-        ({"wbc:nothing": "5ms"}, "no topic 'nothing'"),
-        ({"estop": 5}, "'estop' is wrong"),
-        ({"estop": {"mean": -1}}, "'estop' is wrong"),
-        ({"estop": "soon"}, "'estop' is wrong: 'soon' is not a duration"),
-        ({"wcb:estop": "5ms"}, "'wcb:estop': no service 'wcb'.*teleop, wbc"),
-        ({":estop": "5ms"}, "no service ''"),
-    ],
-)
-def test_wrong_links_are_refused(table: dict[str, Any], text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        Links.from_table(table)
-
-
-def test_link_option_needs_an_equals_sign() -> None:
-    with pytest.raises(ConfigError, match="topic=spec"):
-        parse_link_options(["plant/state 5ms"])
-
-
-def test_links_of_one_run_do_not_jitter_alike() -> None:
-    seeds = {link_seed(s, c, t) for s in (0, 1) for c in ("a", "b") for t in ("x", "y")}
-    assert len(seeds) == 8

@@ -1,4 +1,4 @@
-"""Links are changed, told and remembered on real processes over the bus."""
+"""Links of real processes are changed over the bus, published and kept over a restart."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,9 +10,9 @@ import zenoh
 
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
-from common.links.client import ask, change, everybody
+from common.links.client import Answers, ask, read_links, set_links
 from common.links.config import Links
-from common.links.control import LinkControlError, LinkRequest, links_key
+from common.links.control import LinkControlError, links_key
 from common.links.spec import LinkSpec
 from common.runtime.live.components import RunnerContext
 from common.runtime.live.link_server import LinkServer
@@ -28,17 +28,17 @@ class Watched(Stack):
 
     def __init__(self) -> None:
         super().__init__()
-        self.told: list[LinkChange] = []
+        self.changes: list[LinkChange] = []
         self.watched = Inbox(WATCHED)
         self._more = subscribe(self.session, self.config.robot, self.watched, WATCHED)
 
     def heard(self, service: str, link: str, reason: str) -> bool:
         def there() -> bool:
             self.watched.begin_step(time.monotonic_ns())
-            self.told += self.watched.events(LINK_CHANGE)
+            self.changes += self.watched.events(LINK_CHANGE)
             return any(
-                (told.service, told.link, told.reason) == (service, link, reason)
-                for told in self.told
+                (change.service, change.link, change.reason) == (service, link, reason)
+                for change in self.changes
             )
 
         return self.until(there)
@@ -49,7 +49,7 @@ class Watched(Stack):
 
         def collect() -> bool:
             self.watched.begin_step(time.monotonic_ns())
-            self.told += self.watched.events(LINK_CHANGE)
+            self.changes += self.watched.events(LINK_CHANGE)
             command = self.watched.latest(WBC_COMMAND)
             if command is not None and self.watched.updated(WBC_COMMAND):
                 sent = command.header.sent
@@ -60,16 +60,16 @@ class Watched(Stack):
         assert self.until(collect)
         return ages
 
-    def set(self, **links: str | None) -> dict[str, list[tuple[str, str, str]]]:
-        table = {
-            name.replace("__", "/"): None if text is None else LinkSpec.parse(text)
-            for name, text in links.items()
-        }
-        answers = change(self.session, self.config.robot, table)
+    def read(self) -> Answers:
+        return read_links(self.session, self.config.robot)
+
+    def set(self, name: str, text: str) -> dict[str, dict[str, str]]:
+        """Set links; those of all inputs afterwards, by service and topic."""
+        answers = set_links(self.session, self.config.robot, {name: LinkSpec.parse(text)})
         assert not answers.errors
         return {
-            name: [(c.topic, c.previous, c.link) for c in reply.changed]
-            for name, reply in answers.replies.items()
+            service: {row.topic: row.link for row in reply.inputs}
+            for service, reply in answers.replies.items()
         }
 
     def stop(self) -> None:
@@ -84,58 +84,57 @@ def stack() -> Iterator[Watched]:
     running.stop()
 
 
-def test_link_set_live_works_is_told_and_survives_a_restart(stack: Watched) -> None:
+def test_a_live_change_works_is_published_and_survives_a_restart(stack: Watched) -> None:
     stack.start("sim", "plant")
     wbc = stack.start("wbc", "controller", "--link", "plant/state=20ms")
     assert stack.until(stack.loop_closed)
     assert stack.heard("wbc", "20ms", "start")
-    # Those that do not read it say so; the one that does says what it was.
-    assert stack.set(plant__state="150ms") == {
-        "sim": [],
-        "wbc": [("plant/state", "20ms", "150ms")],
+    assert stack.set("plant/state", "150ms") == {
+        "sim": {"wbc/command": ""},
+        "wbc": {"plant/state": "150ms", "teleop/gait": ""},
     }
     assert stack.heard("wbc", "150ms", "request")
     # Until the first state comes through the new link, the last of the old one is used on.
     assert min(stack.ages(60)[30:]) >= 0.150
-    listed = everybody(stack.session, stack.config.robot).replies["wbc"]
-    row = next(row for row in listed.inputs if row.topic == PLANT_STATE.name)
-    assert (row.link, row.requested_mean, row.lost) == ("150ms", 0.15, 0)
-    assert row.arrived > 20
-    assert row.achieved_mean == pytest.approx(0.15, abs=1e-9)
+    row = next(row for row in stack.read().replies["wbc"].inputs if row.topic == PLANT_STATE.name)
+    assert row.link == "150ms"
+    assert row.delays is not None
+    assert (row.delays.requested_mean, row.delays.lost) == (0.15, 0)
+    assert row.delays.pushed > 20
+    assert row.delays.achieved_mean == pytest.approx(0.15, abs=1e-9)
     wbc.kill()
     wbc.wait()
-    stack.told.clear()
+    stack.changes.clear()
     stack.start("wbc", "controller", "--link", "plant/state=20ms")
     assert stack.heard("wbc", "150ms", "peer")
     assert min(stack.ages(60)[30:]) >= 0.150
     # The other one's memory is enough the other way round, too.
-    assert stack.set(plant__state=None)["wbc"] == [("plant/state", "150ms", "")]
+    assert stack.set("plant/state", "0")["wbc"]["plant/state"] == ""
     assert stack.heard("wbc", "", "request")
     assert min(stack.ages(60)) < 0.100
 
 
-def test_short_name_is_known_and_wrong_ones_are_refused_by_all(stack: Watched) -> None:
+def test_alias_is_known_and_wrong_or_outdated_changes_are_refused_by_all(stack: Watched) -> None:
     stack.start("wbc", "controller")
-    assert stack.set(both="30ms")["wbc"] == [("teleop/gait", "", "30ms")]
-    answers = ask(
-        stack.session,
-        stack.config.robot,
-        LinkRequest.model_validate({"action": "set", "links": {"comand": "5ms"}}),
-    )
-    assert answers.replies == {}
-    assert "wbc: link 'comand': no topic 'comand'" in answers.errors[0]
+    before = stack.read().live
+    assert stack.set("both", "30ms")["wbc"] == {"plant/state": "", "teleop/gait": "30ms"}
     key = links_key(stack.config.robot, "*")
-    for garbage in (b"", b"\xc1\x00", b"\x81\xa6action\xa3fly"):
+    unknown = msgpack.packb({"version": 2**62, "layers": [{"comand": "5ms"}]})
+    for garbage, token in ((b"\xc1\x00", b"LiveLinks"), (unknown, b"comand")):
         (answer,) = list(stack.session.get(key, payload=garbage, target=zenoh.QueryTarget.ALL))
         assert answer.err is not None
-        assert b"LinkRequest" in answer.err.payload.to_bytes()
-    # Still there, with what was set before.
-    assert everybody(stack.session, stack.config.robot).replies["wbc"].live[0].name == "both"
+        assert token in answer.err.payload.to_bytes()
+    # Made without knowing of the change in between, which it would take back.
+    late = before.with_links({"camera": LinkSpec(mean=0.1)}, time.time_ns())
+    answers = ask(stack.session, stack.config.robot, late)
+    assert answers.replies == {}
+    assert "is in force" in answers.errors[0]
+    assert [set(layer) for layer in stack.read().live.layers] == [{"both"}]
 
 
-def test_nobody_there_is_said(stack: Watched) -> None:
-    with pytest.raises(LinkControlError, match=r"no service of 'draco3' answered in 0.3 s"):
-        everybody(stack.session, stack.config.robot, patience_s=0.3)
+def test_reading_the_links_of_no_system_is_refused(stack: Watched) -> None:
+    with pytest.raises(LinkControlError, match=r"'draco3'"):
+        read_links(stack.session, stack.config.robot, patience_s=0.3)
 
 
 class FakeSession:
@@ -183,7 +182,7 @@ def test_no_request_ends_a_service_now_or_with_the_next_message(spec: str) -> No
     component, session = LinkServer("wbc", Links()), FakeSession()
     component.open(RunnerContext(session, "r", "wbc", 1, inbox, lambda *_: None, lambda _: False))
     for text, works in ((spec, False), ("lognormal(1ns, 1ms)", True)):
-        query = Query({"action": "set", "links": {"plant/state": text}})
+        query = Query({"version": 1, "layers": [{"plant/state": text}]})
         session.receive(query)
         component.poll(1)
         assert (query.answer is not None, query.error == "") == (works, works)
@@ -192,25 +191,26 @@ def test_no_request_ends_a_service_now_or_with_the_next_message(spec: str) -> No
     component.close()
 
 
-def test_links_from_the_start_are_told_until_someone_listens() -> None:
-    told: list[Message] = []
+def test_links_of_the_start_are_published_once_a_subscriber_exists() -> None:
+    sent: list[Message] = []
     listening = False
-    inbox = Inbox((PLANT_STATE,), service="wbc")
-    component = LinkServer("wbc", Links.from_table({"plant/state": "5ms"}))
+    links = Links.from_table({"plant/state": "5ms"})
+    inbox = Inbox((PLANT_STATE,), service="wbc", links=links)
+    component = LinkServer("wbc", links)
 
     context = RunnerContext(
-        FakeSession(), "r", "wbc", 1, inbox, lambda _, m: told.append(m), lambda _: listening
+        FakeSession(), "r", "wbc", 1, inbox, lambda _, m: sent.append(m), lambda _: listening
     )
     component.open(context)
     now = time.monotonic_ns()
     for tenth in range(20):
         component.poll(now + tenth * 100_000_000)
-    assert told == []
+    assert sent == []
     assert component.due_ns < now + 10 * 10**9
     listening = True
     for tenth in range(20, 200):
         component.poll(now + tenth * 100_000_000)
-    links = [(m.topic, m.link, m.reason) for m in told if isinstance(m, LinkChange)]
+    published = [(m.topic, m.link, m.reason) for m in sent if isinstance(m, LinkChange)]
     # Again a little later, for a logger that comes after the first listener.
-    assert links == [("plant/state", "5ms", "start")] * 3
+    assert published == [("plant/state", "5ms", "start")] * 3
     component.close()

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from common.errors import ConfigError
+from common.links.config import Links
 from common.links.spec import Distribution
 from common.runtime.live.main import argument_parser, load_settings, run_live
 from common.runtime.live.realtime import enter_realtime
@@ -116,7 +117,7 @@ def test_a_service_in_the_background_takes_real_time_from_its_option_only() -> N
 def test_a_service_whose_inputs_cannot_be_delayed_has_no_such_option() -> None:
     parser = argument_parser("logger", delayable=False)
     assert "--link" not in parser.format_help()
-    assert load_settings(parser.parse_args([]), "logger", {})[1].table == {}
+    assert load_settings(parser.parse_args([]), "logger", {})[1] == Links()
 
 
 def test_wrong_configuration_exits_with_2(

@@ -1,4 +1,4 @@
-"""Links set at a virtual time: exact, told in the record, and the same every time."""
+"""Links set at a virtual time are exact, recorded, and the same every time."""
 
 import pytest
 
@@ -73,7 +73,7 @@ def test_same_calls_same_bytes() -> None:
     assert digest(0.3) != digest(0.31)
 
 
-def test_short_name_reaches_its_links_only() -> None:
+def test_alias_reaches_its_links_only() -> None:
     runner = SimTimeRunner([ToyPlant(), ToyController()])
     (change,) = runner.set_link("both", "250ms")
     assert (change.service, change.topic) == ("wbc", "teleop/gait")

@@ -13,69 +13,13 @@ from typing import Any
 import cv2
 import pytest
 
-from common.errors import ConfigError
-from common.links.client import everybody
-from common.links.config import Links
+from common.links.client import read_links
 from common.transport.config import BusConfig
 from common.transport.session import open_session
-from deploy.latency import links_text, system_links, variable_with, warnings
-from deploy.system import environment
 from lab.cli.main import main
 from tests.common.transport.support import free_base_port
 
 ROOT = Path(__file__).parents[3]
-
-
-def test_options_and_files_become_the_variable(tmp_path: Path) -> None:
-    path = tmp_path / "links.toml"
-    path.write_text(
-        "[links]\ncommand = '250ms'\n[links.'wbc:plant/state']\nmean = 0.02\nloss = 0.01\n"
-    )
-    text = links_text([str(path), "camera=normal(122ms, 190ms) loss=1% seed=7", "command=40ms"])
-    links = Links.from_variable(text)
-    assert str(links.of("wbc", "teleop/gait")) == "40ms"
-    assert str(links.of("wbc", "plant/state")) == "20ms loss=1%"
-    assert str(links.of("teleop", "camera/left")) == "normal(122ms, 190ms) loss=1% seed=7"
-
-
-def test_latency_goes_to_the_services_over_what_is_there() -> None:
-    both = variable_with("command=250ms", {"TRILL_LINKS": "wbc:teleop/gait=5ms; camera=6ms"})
-    assert environment(7448, None, both)["TRILL_LINKS"] == both
-    links = Links.from_variable(both)
-    assert str(links.of("wbc", "teleop/gait")) == "250ms"
-    assert str(links.of("keyboard", "camera/left")) == "6ms"
-    assert variable_with("command=1ms", {}) == "command=1ms"
-    assert "TRILL_LINKS" not in environment(7448, None)
-
-
-def test_a_tasks_own_link_holds_unless_links_are_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.delenv("TRILL_LINKS", raising=False)
-    monkeypatch.delenv("TRILL_CONFIG", raising=False)
-    own = {"command": "paper"}
-    bare, with_links = tmp_path / "bare.toml", tmp_path / "links.toml"
-    bare.write_text("[wbc]\npace = 'fast'\n")
-    with_links.write_text("[links]\ncamera = '1ms'\n")
-
-    assert system_links([], own, None) == system_links([], own, bare) == "command=paper"
-    assert "command=paper; --latency none switches it off" in capsys.readouterr().out
-    assert system_links(["none"], own, None) == ""
-    assert "switched off" in capsys.readouterr().out
-    assert system_links(["camera=5ms"], own, None) == "camera=5ms"
-    assert system_links([], own, with_links) == ""
-    monkeypatch.setenv("TRILL_CONFIG", str(with_links))
-    assert system_links([], own, None) == ""
-    monkeypatch.setenv("TRILL_CONFIG", str(bare))
-    monkeypatch.setenv("TRILL_LINKS", "camera=2ms")
-    assert system_links([], own, None) == ""
-    said = capsys.readouterr().out
-    assert said.count("replaced by the links given") == 4
-
-    monkeypatch.delenv("TRILL_LINKS")
-    assert system_links([], {}, None) == system_links(["none"], {}, None) == ""
-    assert system_links(["camera=5ms"], {}, None) == "camera=5ms"
-    assert capsys.readouterr().out == ""
 
 
 @pytest.mark.parametrize("command", ["up", "demo", "drive"])
@@ -108,22 +52,12 @@ def test_wrong_latency_starts_nothing(
     assert not (tmp_path / "runs").exists()
 
 
-def test_warnings_name_the_worst_rate_and_the_guard() -> None:
-    assert warnings(Links.from_variable("command=250ms; camera=20ms").table) == []
-    (wide,) = warnings(Links.from_variable("both=normal(122ms, 190ms)").table)
-    assert wide.startswith("both: at 200 Hz the mean will be")
-    (guard,) = warnings(Links.from_variable("wbc/command=50ms").table)
-    assert "the plant's guard holds it when a joint command is older than 0.1 s" in guard
-    with pytest.raises(ConfigError):
-        warnings({"nothing": None})
-
-
 def test_explain_tells_warns_and_draws(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "delays.png"
     words = ["latency", "explain", "normal(122ms, 190ms)", "loss=1%", "--rate", "20"]
     assert main([*words, "--plot", str(path)]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "asked for │ 122.0 │ 190.0 │ 122.0 │ 564.0" in said
+    assert "requested │ 122.0 │ 190.0 │ 122.0 │ 564.0" in said
     assert "held back to keep order, 26 % drawn below 0, 1 % lost" in said
     assert "warning: at 20 Hz the mean will be" in said
     image = cv2.imread(str(path))
@@ -169,7 +103,7 @@ def toy() -> Iterator[int]:
     )
     session: Any = open_session(BusConfig(base_port=base), "waiting")
     try:
-        everybody(session, "draco3", patience_s=60.0)
+        read_links(session, "draco3", patience_s=60.0)
     finally:
         session.close()
     yield base
@@ -195,10 +129,15 @@ def test_set_show_and_clear_a_running_service(toy: int, capsys: pytest.CaptureFi
     assert "│ wbc │ plant/state │ - │" in said
     code, said = trill("set", "camera", "5ms")
     assert code == 1
-    assert "nobody reads camera: nothing is changed. Running: wbc" in said
+    assert "reads camera: nothing is changed. Running: wbc" in said
     # In as a client of the service itself, as through a router.
     code, said = trill("show", "--connect", f"tcp/127.0.0.1:{toy + 1}")
     assert (code, "250ms loss=1%" in said) == (0, True)
-    code, said = trill("clear")
+    code, said = trill("clear", "teleop/gait")
     assert "wbc: teleop/gait: no delay (was 250ms loss=1%)" in said
+    assert code == 0
+    assert trill("set", "wbc:plant/state", "5ms")[0] == 0
+    code, said = trill("clear")
+    assert "wbc: plant/state: no delay (was 5ms)" in said
+    assert "teleop/gait: no delay" not in said
     assert code == 0

@@ -1,15 +1,10 @@
 """Which moments of a run get a picture."""
 
-from math import pi
-
 import numpy as np
 
 from common.schemas import CameraFrame, Gait, OperatorStatus
 from common.topics import CAMERA_LEFT, PLANT_TRUTH, TELEOP_STATUS
 from lab.review.film import MOST_PICTURES, RATE, Film, frame_step, gather, moments, picture_at
-from lab.review.path_plot import plot_path
-from lab.review.scoring import commanded_motions
-from services.wbc.config import GaitConfig
 from tests.lab.review.synthetic import MS, Life, Pair
 
 
@@ -130,16 +125,3 @@ def test_a_long_run_is_shown_faster() -> None:
     assert frame_step(film, most=1000) == 1
     assert frame_step(film, most=100) == 1
     assert frame_step(film, most=99) == 2
-
-
-def test_the_path_plot_shows_commanded_and_walked_apart() -> None:
-    life = Life()
-    film = gather(life.gait(0, Gait.FORWARD, (0, 0, pi / 2), (0, 0.1, pi / 2)))
-    motions = commanded_motions(GaitConfig())
-    image = plot_path(film, motions, 300, 200)
-    assert image.shape == (200, 300, 3)
-    orange = np.all(np.abs(image.astype(int) - (214, 96, 30)) < 40, axis=2)
-    blue = np.all(np.abs(image.astype(int) - (20, 80, 170)) < 40, axis=2)
-    # Heading along +y, which is to the left: the commanded end lies further left than the walked.
-    assert np.nonzero(orange)[1].min() < np.nonzero(blue)[1].min() - 5
-    assert plot_path(Film(), motions, 30, 20).shape == (20, 30, 3)

@@ -4,13 +4,11 @@ from functools import cache
 
 import pytest
 
-from common.errors import ConfigError
 from common.links.spec import LinkSpec
 from common.schemas import LinkChange, Setpoint, TaskVerdict
 from common.topics import LINK_CHANGE, TELEOP_SETPOINT
 from lab.studies.tasks.command import main
 from lab.studies.tasks.table import line, summary
-from lab.trials.links import chosen_links
 from lab.trials.options import seed_range
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.stack import TaskStack
@@ -127,14 +125,6 @@ def test_a_hardware_task_has_its_own_link_unless_others_are_given() -> None:
     assert injected("hardware/tool", {}) == {}
     assert set(injected("hardware/tool", {"command": "40ms"}).values()) == {"40ms"}
     assert injected("door/unlock", None) == {}
-
-
-def test_link_options_replace_the_own_link_and_none_switches_it_off() -> None:
-    assert chosen_links([]) is None
-    assert chosen_links(["none"]) == {}
-    assert chosen_links(["both=1ms", "command=2ms"]) == {"both": "1ms", "command": "2ms"}
-    with pytest.raises(ConfigError, match="expected 'none' or links, got both"):
-        chosen_links(["none", "both=1ms"])
 
 
 def test_a_wrong_link_is_told(capsys: pytest.CaptureFixture[str]) -> None:

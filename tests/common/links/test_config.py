@@ -1,14 +1,13 @@
-"""Short names reach exactly the links they stand for, and the right entry wins."""
+"""Aliases reach exactly the links they stand for, and the right entry wins."""
 
 import itertools
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
 from common.errors import ConfigError
 from common.inbox.inbox import Inbox
-from common.links.config import Links, link_seed
-from common.links.names import ALIASES, parse_name
+from common.links.config import ALIASES, LinkName, Links, link_seed, parse_link_options
 from common.ports import PORT_OFFSETS
 from common.schemas import CameraFrame, Header
 from common.topics import (
@@ -28,7 +27,7 @@ EYES = {"camera/left", "camera/right"}
 
 
 def reached(alias: str, service: str) -> set[str]:
-    name = parse_name(alias)
+    name = LinkName.parse(alias)
     return {topic.name for topic in ALL_TOPICS if name.covers(service, topic.name)}
 
 
@@ -114,20 +113,6 @@ def test_variable_may_hold_two_sources() -> None:
     assert Links.from_variable(" ; ") == Links()
 
 
-@pytest.mark.parametrize(
-    ("name", "text"),
-    [
-        ("comand", "no topic 'comand'.*command, camera, feedback, both.*teleop/setpoint"),
-        ("wcb:command", "no service 'wcb'"),
-        ("", "no topic ''"),
-        ("sim:", "no topic ''"),
-    ],
-)
-def test_wrong_names_are_refused(name: str, text: str) -> None:
-    with pytest.raises(ConfigError, match=text):
-        parse_name(name)
-
-
 def test_both_eyes_have_one_seed_and_nothing_else_shares_it() -> None:
     assert link_seed(3, "teleop", "camera/left") == link_seed(3, "teleop", "camera/right")
     seeds = {link_seed(3, service, "camera/left") for service in ("teleop", "policy")}
@@ -166,3 +151,45 @@ def test_stereo_pair_comes_out_of_a_jittered_link_together() -> None:
     assert len(injected["left"].keys() - both - dropped) < 10
     assert 150 < len(both) < 260
     assert len(set(injected["left"].values())) > 100
+
+
+def test_links_for_all_consumers_and_for_one() -> None:
+    links = Links.from_table({"plant/state": "5ms", "wbc:plant/state": "20ms"})
+    assert (of(links, "wbc", "plant/state"), of(links, "logger", "plant/state")) == (0.02, 0.005)
+    assert links.of("wbc", "estop") is None
+
+
+def test_services_outside_the_port_table_have_to_be_announced() -> None:
+    with pytest.raises(ConfigError, match="no service 'second'"):
+        Links.from_table({"second:estop": "5ms"})
+    assert Links.from_table({"second:estop": "5ms"}, also=["second"]).of("second", "estop")
+
+
+@pytest.mark.parametrize(
+    ("table", "text"),
+    [
+        ({"plant/stat": "5ms"}, "no topic 'plant/stat'.*plant/state"),
+        ({"comand": "5ms"}, "'comand'.*command, camera, feedback, both.*teleop/setpoint"),
+        ({"wbc:nothing": "5ms"}, "no topic 'nothing'"),
+        ({"": "5ms"}, "no topic ''"),
+        ({"sim:": "5ms"}, "no topic ''"),
+        ({"estop": 5}, "'estop' is wrong"),
+        ({"estop": {"mean": -1}}, "'estop' is wrong"),
+        ({"estop": "soon"}, "'estop' is wrong: 'soon' is not a duration"),
+        ({"wcb:estop": "5ms"}, "'wcb:estop': no service 'wcb'.*teleop, wbc"),
+        ({":estop": "5ms"}, "':estop'"),
+    ],
+)
+def test_wrong_links_are_refused(table: dict[str, Any], text: str) -> None:
+    with pytest.raises(ConfigError, match=text):
+        Links.from_table(table)
+
+
+def test_link_option_needs_an_equals_sign() -> None:
+    with pytest.raises(ConfigError, match="topic=spec"):
+        parse_link_options(["plant/state 5ms"])
+
+
+def test_links_of_one_run_do_not_jitter_alike() -> None:
+    seeds = {link_seed(s, c, t) for s in (0, 1) for c in ("a", "b") for t in ("x", "y")}
+    assert len(seeds) == 8

@@ -1,50 +1,37 @@
-"""Where a delay line's random numbers come from.
+"""Random numbers for the messages of one link.
 
-A line in front of an ordinary input draws one after the other. The two eyes of a stereo pair are
-two inputs that stand for one link, so their lines must decide alike about the same frame, also if
-one of them missed a frame before or was set up later; there each number is a function of the seed
-and the frame's capture time alone.
+An ordinary link draws one number after the other (:class:`SequentialSampler`). The two cameras of a
+stereo pair are two inputs that stand for one link: their delay lines must decide alike about the
+same frame, also if one of them missed a frame before or was set up later. There each number is a
+function of the seed and the frame's capture time alone (:class:`TimeSampler`).
 """
 
 import math
 import random
 from collections import deque
-from typing import Protocol
 
 _CELLS_PER_TAU = 16
 _MEMORY = 96
 """Cells of noise in a correlated value: six time constants."""
 
 
-class DelaySampler(Protocol):
-    """Random numbers for the messages of one link."""
-
-    def gauss(self, time_ns: int, tau: float) -> float:
-        """Standard normal number of the next message; correlated over time if ``tau`` > 0 [s].
-
-        Args:
-            time_ns: when it arrived, or was captured.
-            tau: time constant.
-        """
-        ...
-
-    def lost(self, time_ns: int, probability: float) -> bool:
-        """Whether the next message is lost."""
-        ...
-
-
-class Sequential:
+class SequentialSampler:
     """Draws one message after the other; correlated ones are an Ornstein-Uhlenbeck process."""
 
     def __init__(self, seed: int) -> None:
-        """Apart from each other, so that a different loss leaves the delays as they were."""
+        """Seed delays and losses separately, so that another loss leaves the delays as they are."""
         self._delays = random.Random(f"delay {seed}")
         self._losses = random.Random(f"loss {seed}")
         self._latent: float | None = None
         self._at_ns = 0
 
     def gauss(self, time_ns: int, tau: float) -> float:
-        """See :class:`DelaySampler`."""
+        """Draw a standard normal number for the next message.
+
+        Args:
+            time_ns: when the message arrived, or was captured [ns].
+            tau: time constant of the correlation [s]; 0: independent numbers.
+        """
         fresh = self._delays.gauss(0.0, 1.0)
         if tau > 0.0 and self._latent is not None:
             r = math.exp(-1e-9 * max(0, time_ns - self._at_ns) / tau)
@@ -54,31 +41,31 @@ class Sequential:
         return fresh
 
     def lost(self, time_ns: int, probability: float) -> bool:
-        """See :class:`DelaySampler`."""
+        """Decide whether the next message is lost."""
         del time_ns
         return probability > 0.0 and self._losses.random() < probability
 
 
-class ByTime:
+class TimeSampler:
     """Draws by capture time: the same seed and time give the same number, whatever came before.
 
     Correlated numbers are a moving average of white noise on a grid of a sixteenth of the time
     constant, with weights that fall off exponentially: the same correlation as
-    :class:`Sequential` at the grid's points, constant between them.
+    :class:`SequentialSampler` at the points of the grid, constant between them.
     """
 
     def __init__(self, seed: int) -> None:
-        """Create a source; nothing is remembered but noise that may be needed again."""
+        """Create a sampler, which keeps only the noise that may be needed again."""
         self._seed = seed
         decay = math.exp(-1.0 / _CELLS_PER_TAU)
         scale = math.sqrt((1.0 - decay**2) / (1.0 - decay ** (2 * _MEMORY)))
         self._weights = [scale * decay**age for age in range(_MEMORY)]
         self._noise: deque[float] = deque(maxlen=_MEMORY)
-        """Of the newest cell first."""
+        """The noise of the newest cell comes first."""
         self._cell: int | None = None
 
     def gauss(self, time_ns: int, tau: float) -> float:
-        """See :class:`DelaySampler`."""
+        """Draw a standard normal number, as :meth:`SequentialSampler.gauss` does."""
         if tau <= 0.0:
             return self._generator("delay", time_ns).gauss(0.0, 1.0)
         cell = time_ns * _CELLS_PER_TAU // max(1, round(1e9 * tau))
@@ -93,7 +80,7 @@ class ByTime:
         return math.fsum(w * n for w, n in zip(self._weights, self._noise, strict=True))
 
     def lost(self, time_ns: int, probability: float) -> bool:
-        """See :class:`DelaySampler`."""
+        """Decide whether the message of that time is lost."""
         return probability > 0.0 and self._generator("loss", time_ns).random() < probability
 
     def _generator(self, kind: str, number: int) -> random.Random:
