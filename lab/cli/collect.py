@@ -206,13 +206,13 @@ def _reindex(root: Path) -> int:
     from rich.console import Console
 
     from lab.demonstrations.collect.store import Store
-    from lab.trials.progress import file_bar
+    from lab.progress import ProgressBar
 
     store, console = Store(root), Console()
     # Before a lock is left in a directory that is no data set.
     store.config()
-    with store.locked(), file_bar(console, "reading", len(store.files())) as on_file:
-        lines = store.scan(on_file)
+    with store.locked(), ProgressBar("reading", len(store.files())) as bar:
+        lines = store.scan(bar.advance)
         store.write_index(lines)
     console.print(f"{root}: {len(lines)} trials in the index", markup=False, soft_wrap=True)
     return 0
@@ -224,12 +224,12 @@ def _check(root: Path, seed: int | None) -> int:
 
     from lab.demonstrations.collect.check import check, remake
     from lab.demonstrations.collect.store import Store
-    from lab.trials.progress import file_bar
+    from lab.progress import ProgressBar
 
     store, console = Store(root), Console()
     files = store.files()
-    with file_bar(console, "checking", len(files)) as on_file:
-        wrong = check(store, on_file)
+    with ProgressBar("checking", len(files)) as bar:
+        wrong = check(store, bar.advance)
     if seed is not None:
         wrong += filter(None, [remake(store, seed)])
     for text in wrong:

@@ -1,4 +1,4 @@
-"""What a subcommand of ``trill`` consists of."""
+"""Define a subcommand of ``trill``: its help texts, its options and what it runs."""
 
 import argparse
 from collections.abc import Callable
@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 
 class Command(NamedTuple):
-    """One subcommand, or a subcommand of one.
+    """A subcommand, or a subcommand of a subcommand.
 
     Attributes:
-        name: what is typed.
+        name: word on the command line.
         brief: one line for the list of commands.
-        text: what it does, in full, for its help.
-        examples: after the options.
-        add: adds its arguments.
-        run: does it; returns the exit code.
+        text: full description for the command's help.
+        examples: shown after the options in the command's help.
+        add: adds the command's options to its parser.
+        run: runs the command and returns the exit code.
     """
 
     name: str
@@ -24,8 +24,8 @@ class Command(NamedTuple):
     add: Callable[[argparse.ArgumentParser], None]
     run: Callable[[argparse.Namespace], int]
 
-    def under(self, commands: Any, name: str) -> None:
-        """Add it to the subcommands of a parser; chosen, it is the argument ``name``."""
+    def add_to(self, commands: Any, name: str) -> None:
+        """Add a parser to the subparsers ``commands``; it stores this command as ``name``."""
         parser: argparse.ArgumentParser = commands.add_parser(
             self.name,
             help=self.brief,
@@ -38,6 +38,6 @@ class Command(NamedTuple):
 
 
 def run_chosen(arguments: argparse.Namespace, name: str) -> int:
-    """Run the subcommand that is the argument ``name``."""
+    """Run the command that a parser stored as ``name``; returns the exit code."""
     chosen: Command = getattr(arguments, name)
     return chosen.run(arguments)

@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(required=True, metavar="action")
     Command(
         "export", "for lerobot or robomimic", EXPORT, EXPORT_EXAMPLES, _export_options, _export
-    ).under(actions, "dataset")
+    ).add_to(actions, "dataset")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill latency``."""
     actions = parser.add_subparsers(required=True, metavar="action")
     for command in ACTIONS:
-        command.under(actions, "latency")
+        command.add_to(actions, "latency")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -61,7 +61,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     commands = parser.add_subparsers(required=True, metavar="command")
     for command in COMMANDS:
-        command.under(commands, "command")
+        command.add_to(commands, "command")
     return parser
 
 
@@ -77,11 +77,13 @@ def _top_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _top(arguments: argparse.Namespace) -> int:
     from lab.monitor.monitor import watch
-    from lab.monitor.table import Show
+    from lab.monitor.table import Content
 
     bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-    show = Show.TOPICS if arguments.topics else Show.LEDGER if arguments.ledger else Show.ALL
-    watch(bus, f"trill top  {bus.robot}  base port {bus.base_port}", show)
+    content = (
+        Content.TOPICS if arguments.topics else Content.LEDGER if arguments.ledger else Content.ALL
+    )
+    watch(bus, f"trill top  {bus.robot}  base port {bus.base_port}", content)
     return 0
 
 

@@ -59,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill study``."""
     commands = parser.add_subparsers(required=True, metavar="study")
     for command in (LATENCY_COMMAND, *study_human.commands(ROOT)):
-        command.under(commands, "study")
+        command.add_to(commands, "study")
 
 
 def run(arguments: argparse.Namespace) -> int:

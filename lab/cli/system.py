@@ -1,106 +1,113 @@
-"""``trill demo``, ``drive`` and ``up``: the commands that start a system."""
+"""Commands that start a system: ``trill demo``, ``trill drive`` and ``trill up``."""
 
 import argparse
 import sys
 from pathlib import Path
 
 from common.errors import ConfigError
+from deploy.extras import require
 from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import SystemOptions
 from lab.cli import latency
 from lab.cli.commands import Command
 
-DEMO = """Start the whole system (plant, cameras, whole-body controller, scripted operator, logger),
-each a process of its own that talks to the others over Zenoh only, and watch it in a live table
-until the script ends: all six gaits, both hands standing and walking, both grippers. Then
-everything is stopped and summed up from the log.
+DEMO = """Start the whole system and watch it in a live table until the operator's script ends.
+Plant, cameras, whole-body controller, scripted operator and logger are separate processes that talk
+to each other over Zenoh only. The script shows all six gaits, both hands standing and walking, and
+both grippers. Then everything is stopped, and the log is summed up in a report and pictures.
 
-With --task a scored task is done instead, by the synthetic operator, in the task's scene: it acts
-through the same device-level input as a person's headset and sees through the same feedback link.
-It ends when the judge in the plant has its verdict.
+With --task, the synthetic operator does a scored task in the task's scene. It acts through the same
+device-level input as a person's headset and sees the robot through the same feedback link. The run
+ends when the judge in the plant has given its verdict.
 
-Exit code 0: the script was played to its end, or the task was a success. Otherwise 1, and the
-reason is printed: partial success or failure of the task, the robot fell, a service died, the
-script failed, the time ran out."""
+The exit code is 0 if the script was played to its end or the task was a success. Otherwise it is 1
+and the reason is printed: partial success or failure of the task, a fall of the robot, the end of a
+service, a failed script or a timeout."""
 DEMO_EXAMPLES = """examples:
-  trill demo                          about a minute and a half, then pictures
-  trill demo --no-video               without the video, which takes about as long as the run
-  trill demo --mode rated             with the torque limits of the real motors
-  trill demo --script random          or stand, gaits, or a JSON file of your own
-  trill demo --seconds 20             a short look
-  trill demo --task door/unlock --seed 7                a scored task, see: trill tasks
-  trill demo --task door/push --latency both=250ms      with a late robot
+  trill demo                          takes about a minute and a half, then draws the pictures
+  trill demo --no-video               saves the video, which takes about as long as the run
+  trill demo --mode rated             uses the torque limits of the real motors
+  trill demo --script random          plays another script: stand, gaits or your own JSON file
+  trill demo --seconds 20             ends after 20 seconds
+  trill demo --task door/unlock --seed 7                does a scored task; see: trill tasks
+  trill demo --task door/push --latency both=250ms      does it with a delayed robot
 """
-DRIVE = """Start the robot (plant, cameras, whole-body controller, logger) and give you the keys:
-hands, grippers, neck and gaits from this terminal. Leave with the key the screen shows; the run is
-summed up like the demonstration."""
+DRIVE = """Start the robot (plant, cameras, whole-body controller, logger) and control its hands,
+grippers, neck and gaits with the keys of this terminal. The screen shows the keys, also the one to
+leave with. Afterwards the log is summed up in a report and pictures, as by trill demo."""
 DRIVE_EXAMPLES = """examples:
   trill drive
   trill drive --no-cameras            leaves more of a small machine to the controller
-  trill drive --video                 with a video of what you did
+  trill drive --video                 renders a video afterwards
 """
 UP = """Start the robot's side (plant, cameras, whole-body controller, logger) without an operator
-and show the live table until Ctrl-C. A service that fails is started again, three times at most.
-Operators come and go in terminals of their own; with --task, one that comes while none was there
-begins a new trial (the plant is reset)."""
+and show the live table until Ctrl-C. A service that fails is restarted, up to three times.
+Operators come and go in terminals of their own. With --task, an operator that comes while no other
+one is there begins a new trial: the plant is reset."""
 UP_EXAMPLES = """examples:
   trill up
-  trill up --no-record                leaves nothing but the services' own output
+  trill up --no-record                writes no log
   python -m services.teleop scripted --script gaits --gait turn_left      in another terminal
-  python -m services.teleop keyboard
+  python -m services.teleop keyboard                                      or control it yourself
   trill up --task door/unlock --seed 7
   python -m services.teleop synthetic --task door/unlock --seed 7         in another terminal
 """
 
 
 def bus_options(parser: argparse.ArgumentParser, port: str) -> None:
-    """Add the options that say which system is meant."""
-    parser.add_argument("--config", type=Path, help="TOML file for the whole stack")
+    """Add the options that identify a system; ``port`` is the help of ``--base-port``."""
+    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
     parser.add_argument("--base-port", type=int, help=port)
 
 
-def _system(parser: argparse.ArgumentParser) -> None:
+def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--mode",
         choices=["relaxed", "rated"],
         default="relaxed",
-        help="torque limits of plant and controller: relaxed (legs +200 N·m, as the public TRILL "
-        "simulation; the standard) or rated (the URDF's; stands taller, walks slower)",
+        help="torque limits of plant and controller: relaxed adds 200 N·m to the legs, as the "
+        "public TRILL simulation does; rated keeps those of the URDF, with which the robot stands "
+        "taller and walks more slowly (default: relaxed)",
     )
-    parser.add_argument("--no-cameras", action="store_true", help="the robot does not see")
-    parser.add_argument("--task", help="a scored task in its scene, e.g. door/unlock (trill tasks)")
+    parser.add_argument("--no-cameras", action="store_true", help="start no cameras")
+    parser.add_argument(
+        "--task", help="name of a scored task, e.g. door/unlock; trill tasks lists them"
+    )
     parser.add_argument(
         "--seed",
         type=int,
         default=0,
-        help="of noise, the task's start and the synthetic operator (0)",
+        help="seed of sensor noise, the task's start and the synthetic operator (default: 0)",
     )
-    bus_options(parser, "first port of the system (standard: a free block is found)")
+    bus_options(parser, "first port of the system (default: a free block of ports is found)")
     latency.add_latency_option(parser)
 
 
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
-    _system(parser)
+    _add_system_options(parser)
     parser.add_argument(
         "--script",
-        help="demo, stand, gaits, random, or a JSON file of steps (demo; with --task: none)",
+        help="script of the operator: demo, stand, gaits, random or a JSON file of steps "
+        "(default: demo; none with --task)",
     )
-    parser.add_argument("--seconds", type=float, help="end after this long, wherever the script is")
     parser.add_argument(
-        "--timeout", type=float, default=600.0, help="failed if not done by then [s] (600)"
+        "--seconds", type=float, help="end this long after the controller was first heard [s]"
+    )
+    parser.add_argument(
+        "--timeout", type=float, default=600.0, help="give up after this time [s] (default: 600)"
     )
     parser.add_argument("--no-video", action="store_true", help="do not render video.mp4")
     parser.add_argument("--no-pictures", action="store_true", help="render nothing at all")
     parser.add_argument(
-        "--headless", action="store_true", help="plain lines instead of the live table"
+        "--headless", action="store_true", help="print lines instead of the live table"
     )
 
 
 def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
     from lab.trials.links import system_links
 
-    own = {} if arguments.task is None else _links_of(arguments.task)
+    task_links = {} if arguments.task is None else _links_of(arguments.task)
     return SystemOptions(
         mode=arguments.mode,
         cameras=not arguments.no_cameras,
@@ -109,25 +116,21 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
         restart=restart,
         task=arguments.task,
         seed=arguments.seed,
-        links=system_links(arguments.latency, own, arguments.config),
+        links=system_links(arguments.latency, task_links, arguments.config),
     )
 
 
 def _links_of(task: str) -> dict[str, str]:
-    """The links that belong to a task."""
-    try:
-        # The tasks are found, and mujoco with them, only when one is asked for.
-        from services.sim.errors import TaskError
-        from services.sim.tasks import find_task
+    """Return the links that belong to a task, by name."""
+    # Tasks need MuJoCo, which is imported only when a task was named.
+    require("--task", "sim", "mujoco")
+    from services.sim.errors import TaskError
+    from services.sim.tasks import find_task
 
-        try:
-            return find_task(task).links
-        except TaskError as error:
-            raise ConfigError(f"--task: {error}") from error
-    except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"--task: the scenes cannot be built without {error.name}: pip install 'trill[sim]'"
-        ) from error
+    try:
+        return find_task(task).links
+    except TaskError as error:
+        raise ConfigError(f"--task: {error}") from error
 
 
 def _demo(arguments: argparse.Namespace) -> int:
@@ -148,7 +151,7 @@ def _demo(arguments: argparse.Namespace) -> int:
 
 
 def _drive_arguments(parser: argparse.ArgumentParser) -> None:
-    _system(parser)
+    _add_system_options(parser)
     parser.add_argument("--video", action="store_true", help="render video.mp4 afterwards")
 
 
@@ -160,8 +163,8 @@ def _drive(arguments: argparse.Namespace) -> int:
 
 
 def _up_arguments(parser: argparse.ArgumentParser) -> None:
-    _system(parser)
-    parser.add_argument("--no-record", action="store_true", help="do not log")
+    _add_system_options(parser)
+    parser.add_argument("--no-record", action="store_true", help="write no log")
 
 
 def _up(arguments: argparse.Namespace) -> int:
@@ -175,11 +178,11 @@ def _up(arguments: argparse.Namespace) -> int:
 
 
 def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, video: bool) -> int:
-    """Sum up a run; exit code 0 only if it was completed."""
+    """Sum up a run; the exit code is 0 only if it was completed."""
     from lab.review.report import finish
 
     if ended.verdict.outcome != "completed":
-        # Said at once: if there is no log to read, this is why.
+        # Before the log is read: if there is none, this is the reason.
         print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
     settings = {"mode": arguments.mode, "config": str(arguments.config or "")}
     summary = finish(ended, settings, pictures=pictures, video=video)
@@ -191,15 +194,10 @@ def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, vide
 
 COMMANDS = (
     Command(
-        "demo",
-        "the whole system by a script, or at a task",
-        DEMO,
-        DEMO_EXAMPLES,
-        _demo_arguments,
-        _demo,
+        "demo", "run a script or a task and report", DEMO, DEMO_EXAMPLES, _demo_arguments, _demo
     ),
     Command(
-        "drive", "the whole system on your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive
+        "drive", "control the robot with your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive
     ),
-    Command("up", "the robot's side, without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
+    Command("up", "start the robot without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
 )

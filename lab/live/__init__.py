@@ -1,1 +1,1 @@
-"""Live runs: the demo, driving by keyboard, trials of a task."""
+"""Run a live system: the demo, keyboard driving, trials of a task."""

@@ -1,35 +1,34 @@
-"""The whole system under an operator of its own, watched until script or task is over."""
+"""Run the whole system with a scripted or synthetic operator until script or task is over."""
 
-import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from deploy.launch import Ended, Running, Verdict, running_system
+from deploy.launch import Ended, Verdict, running_system
 from deploy.process import Exit
 from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
+from lab.live.loop import Exits, show_until_verdict
 from lab.live.task_judge import TaskJudge
-from lab.monitor.board import Snapshot
-from lab.monitor.monitor import TICK, Screen, Watch
+from lab.monitor.bus_stats import Snapshot
+from lab.monitor.monitor import monitored
 from services.teleop.scripted.library import ScriptOptions, script_named
 
 DEMONSTRATION = "demo"
-"""The script that shows everything."""
+"""Name of the script that shows everything."""
 FALL_AFTERMATH = 1.0
-"""How long a fall is watched before everything stops [s]."""
+"""Time for which a fall is shown before everything is stopped [s]."""
 
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """How to run the demonstration.
+    """Options of the demonstration.
 
     Attributes:
-        system: the robot's side.
-        script: what the operator plays: a built-in name or a JSON file; None: the task, if the
-            system has one (by the synthetic operator), else the demonstration.
-        seconds: end this long after the controller was first heard, wherever the script is, and
-            well; a task without a verdict by then has timed out. None: to the end.
-        timeout: the script has failed if it is not done by then [s].
-        base_port: take this block of ports instead of a free one.
+        system: options of the robot's side.
+        script: built-in name or JSON file of the operator's script; None for the synthetic
+            operator if the system has a task, and for :data:`DEMONSTRATION` if not.
+        seconds: end after this time from the controller's first message [s]: a script counts as
+            completed then, a task as timed out. None: go on to the end.
+        timeout: give up after this time from the start [s].
+        base_port: first port; None finds a free block of ports.
         live: force (or forbid) the live table; None decides by the terminal.
     """
 
@@ -41,35 +40,27 @@ class DemoOptions:
     live: bool | None = None
 
 
-class Judge:
-    """Decides, look by look, whether a run is over and why. Pure."""
+class ScriptJudge:
+    """Decides when the run of a script is over and why. Pure."""
 
     def __init__(self, operator: str, seconds: float | None, timeout: float) -> None:
-        """Judge a run whose operator is the process ``operator``."""
+        """Judge a run whose operator is the process ``operator``; see :class:`DemoOptions`."""
         self._operator = operator
         self._seconds = seconds
         self._timeout = timeout
         self._fell_at: float | None = None
         self._began_at: float | None = None
 
-    def verdict(
-        self, elapsed: float, view: Snapshot, exits: Sequence[tuple[Exit, bool]]
-    ) -> Verdict | None:
-        """The verdict, or None while the run goes on.
-
-        Args:
-            elapsed: since the start [s].
-            view: the bus as last seen.
-            exits: processes that just ended, each with whether it was essential.
-        """
+    def verdict(self, elapsed: float, view: Snapshot, exits: Exits) -> Verdict | None:
+        """Return the verdict, or None while the run goes on; ``elapsed`` since the start [s]."""
         if self._began_at is None and view.control is not None:
             self._began_at = elapsed
         if self._fell_at is None and view.plant is not None and view.plant.fallen:
             self._fell_at = elapsed
         if self._fell_at is not None:
-            # A script that fails because the robot fell is not the reason but the consequence.
+            # A script that fails now does so because the robot fell.
             over = elapsed >= self._fell_at + FALL_AFTERMATH
-            return Verdict("fell", self._where(view)) if over else None
+            return Verdict("fell", self._step(view)) if over else None
         for ended, essential in exits:
             if ended.restarted or not essential:
                 continue
@@ -79,11 +70,11 @@ class Judge:
         if self._seconds is not None and self._lasted(elapsed) >= self._seconds:
             return Verdict("completed", f"stopped after {self._seconds:g} s, as asked")
         if elapsed >= self._timeout:
-            return Verdict("timed out", f"not done after {self._timeout:g} s; {self._where(view)}")
+            return Verdict("timed out", f"not done after {self._timeout:g} s; {self._step(view)}")
         return None
 
     def _lasted(self, elapsed: float) -> float:
-        """Since the controller was first heard [s]."""
+        """Return the time since the controller's first message [s]."""
         return 0.0 if self._began_at is None else elapsed - self._began_at
 
     @staticmethod
@@ -94,15 +85,16 @@ class Judge:
         return Verdict("script failed", failed or ended.describe())
 
     @staticmethod
-    def _where(view: Snapshot) -> str:
+    def _step(view: Snapshot) -> str:
         if view.operator is None:
-            return "the operator was not heard"
-        at = view.operator
-        return f"at step {at.step} of {at.steps} of the script: {at.label or 'its beginning'}"
+            return "no message from the operator"
+        status = view.operator
+        label = status.label or "its beginning"
+        return f"at step {status.step} of {status.steps} of the script: {label}"
 
 
 def run_demo(options: DemoOptions) -> Ended:
-    """Start everything, watch until the verdict, stop everything.
+    """Start the whole system, show it until the verdict and stop it.
 
     Raises:
         ConfigError: there is no such script, or the bus configuration is wrong.
@@ -116,32 +108,18 @@ def run_demo(options: DemoOptions) -> Ended:
         script = options.script or DEMONSTRATION
         script_named(script, ScriptOptions())
         operator = scripted_operator(script)
-    verdict = Verdict("interrupted", "stopped from outside")
-    with running_system(options.system, options.base_port, [operator]) as running:
-        verdict = _watch(running, judge, live=options.live)
+    verdict = Verdict("interrupted", "stopped by Ctrl-C or a signal")
+    with (
+        running_system(options.system, options.base_port, [operator]) as running,
+        monitored(running.bus) as monitor,
+    ):
+        verdict = show_until_verdict(
+            running, monitor, "trill demo", judge.verdict, live=options.live
+        )
     return Ended(running.run_dir, verdict)
 
 
-def _judge(options: DemoOptions) -> Judge | TaskJudge:
+def _judge(options: DemoOptions) -> ScriptJudge | TaskJudge:
     by_task = options.system.task is not None and options.script is None
-    kind = TaskJudge if by_task else Judge
+    kind = TaskJudge if by_task else ScriptJudge
     return kind(OPERATOR, options.seconds, options.timeout)
-
-
-def _watch(running: Running, judge: Judge | TaskJudge, *, live: bool | None) -> Verdict:
-    """Show the live table until there is a verdict."""
-    supervisor = running.supervisor
-    started = time.monotonic()
-    with Watch(running.bus) as seen, Screen(f"trill demo  {running.title}", live=live) as s:
-        s.say(f"{running.title}: running {', '.join(supervisor.running())}")
-        while True:
-            view = seen.look()
-            s.show(view)
-            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
-            for ended, _ in exits:
-                if not ended.expected:
-                    s.say(ended.describe())
-            verdict = judge.verdict(time.monotonic() - started, view, exits)
-            if verdict is not None:
-                return verdict
-            time.sleep(TICK)

@@ -1,1 +1,1 @@
-"""What people look at while a system runs: the live table, and what commands print."""
+"""Watch a running system: the live table, and texts that commands print."""

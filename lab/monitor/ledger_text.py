@@ -1,6 +1,7 @@
-"""The latency ledger as text, the same for the live table and for a log."""
+"""Format the latency ledger, for the live table and for logs alike."""
 
 from collections.abc import Iterable
+from math import isnan
 
 from rich.table import Table
 from rich.text import Text
@@ -12,10 +13,13 @@ LEGEND = "median/p99 in ms; use: from the step's start to its results sent, deco
 
 
 def short_ms(seconds: float) -> str:
-    """Milliseconds in four characters: ``.04``, ``4.2``, ``42``, ``1.3k``; ``-`` if not known."""
+    """Format a time as milliseconds in four characters: ``.04``, ``4.2``, ``42``, ``13k``.
+
+    NaN, an unknown time, is ``-``.
+    """
     ms = 1e3 * seconds
     size = abs(ms)
-    if size != size:  # noqa: PLR0124 - not a number
+    if isnan(size):
         return "-"
     if size < 0.995:
         text = f"{ms:.2f}".replace("0.", ".", 1)
@@ -26,7 +30,7 @@ def short_ms(seconds: float) -> str:
 
 
 def stage_cells(stages: Iterable[StageTime]) -> list[str]:
-    """One cell for each of :data:`common.journal.ledger.STAGES`; ``-`` where not known."""
+    """Format one cell per stage of :data:`common.journal.ledger.STAGES`; ``-`` if unknown."""
     known = {stage.stage: stage for stage in stages}
     return [
         f"{short_ms(known[name].median)}/{short_ms(known[name].p99)}" if name in known else "-"
@@ -35,13 +39,13 @@ def stage_cells(stages: Iterable[StageTime]) -> list[str]:
 
 
 def add_stages(table: Table) -> None:
-    """Add the stages' columns."""
+    """Add one column per stage."""
     for name in STAGES:
         table.add_column(name, justify="right", no_wrap=True)
 
 
 def styled(cells: list[str]) -> list[Text]:
-    """The total stands out; stages in which nothing to speak of is spent step back."""
+    """Print the total in bold, and dim the stages that took next to no time."""
     return [
         Text(cell, style="bold" if name == "total" else "dim" if cell in {"0/0", "-"} else "")
         for name, cell in zip(STAGES, cells, strict=True)
@@ -49,5 +53,5 @@ def styled(cells: list[str]) -> list[Text]:
 
 
 def plain_table() -> Table:
-    """A table without rules: the whole screen should fit a small terminal."""
+    """Return a table without rules, so that several fit a small terminal."""
     return Table(box=None, pad_edge=False, header_style="bold underline", collapse_padding=True)

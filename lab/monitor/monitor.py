@@ -1,13 +1,13 @@
-"""The live table: listens to everything on the bus and draws it twice a second.
+"""Watch a running system from any terminal: ``trill top``.
 
-On a terminal it is a table that redraws itself; elsewhere (a pipe, a log file) a line every few
+A terminal shows a table that is redrawn twice a second; a pipe or file gets a line every few
 seconds.
 """
 
 import contextlib
 import sys
 import time
-from types import TracebackType
+from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Console
@@ -19,64 +19,67 @@ from common.transport.keys import subscription_of
 from common.transport.session import open_session
 from common.transport.tap import RawTap
 from deploy.process import terminated_as_interrupted
-from lab.monitor.board import BusStats, Snapshot
-from lab.monitor.table import Show, draw, line
+from lab.monitor.bus_stats import BusStats, Snapshot
+from lab.monitor.status_text import format_line
+from lab.monitor.table import Content, render_table
 
-SERVICE = "top"
-"""Not in the port table on purpose: any number of monitors may watch one system."""
+NAME = "top"
+"""Not in the table of services on purpose: any number of monitors may watch one system."""
 REDRAW_PERIOD = 0.5
+"""Between two tables [s]."""
 LINE_PERIOD = 5.0
-TICK = 0.05
-"""Between looks at the bus [s]."""
+"""Between two lines [s]."""
+POLL_PERIOD = 0.05
+"""Between two polls of the bus [s]."""
 
 
-class Watch:
-    """A board fed from the bus; a context manager.
+class BusMonitor:
+    """Subscribes to every topic of a bus and keeps statistics.
 
     Attributes:
-        board: what was heard.
-        session: on the bus, while entered.
+        session: the Zenoh session.
     """
 
-    def __init__(self, bus: BusConfig) -> None:
-        """Prepare to watch ``bus``; nothing is opened yet."""
-        self.board = BusStats(bus.robot)
-        self._bus = bus
+    def __init__(self, session: Any, robot: str) -> None:
+        """Subscribe on ``session`` to the topics of ``robot``."""
+        self.session = session
+        self._stats = BusStats(robot)
+        # Not to the journals: the first journal of a service is sent only when somebody
+        # subscribes, and that should be a logger, which keeps it.
+        shown = [subscription_of(robot, topic) for topic in ALL_TOPICS if topic is not JOURNAL]
+        self._tap = RawTap(session, robot, expressions=shown)
 
-    def __enter__(self) -> "Watch":
-        """Open the bus.
+    def poll(self) -> Snapshot:
+        """Count what has arrived and return everything there is to show."""
+        self._stats.add(self._tap.drain())
+        return self._stats.snapshot(time.monotonic_ns())
 
-        Raises:
-            BusError: the bus cannot be opened.
-        """
-        self.session: Any = open_session(self._bus, SERVICE)
-        # Not the journals: who takes a service's first one should be able to keep it.
-        shown = [subscription_of(self._bus.robot, t) for t in ALL_TOPICS if t is not JOURNAL]
-        self._tap = RawTap(self.session, self._bus.robot, expressions=shown)
-        return self
-
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _trace: TracebackType | None,
-    ) -> None:
+    def close(self) -> None:
+        """Unsubscribe and close the session."""
         self._tap.close()
         self.session.close()
 
-    def look(self) -> Snapshot:
-        """Take in what arrived and return everything there is to show."""
-        self.board.note(self._tap.drain())
-        return self.board.view(time.monotonic_ns())
+
+@contextlib.contextmanager
+def monitored(bus: BusConfig) -> Iterator[BusMonitor]:
+    """Open a :class:`BusMonitor` of a bus for the time of a context.
+
+    Raises:
+        BusError: the bus cannot be opened.
+    """
+    with contextlib.closing(BusMonitor(open_session(bus, NAME), bus.robot)) as monitor:
+        yield monitor
 
 
 class Screen:
-    """Shows views: a live table on a terminal, else lines; a context manager."""
+    """Shows snapshots as a live table on a terminal, else as lines; a context manager."""
 
-    def __init__(self, title: str, *, live: bool | None = None, show: Show = Show.ALL) -> None:
-        """``live`` forces a table or lines; None decides by the standard output."""
+    def __init__(
+        self, title: str, *, live: bool | None = None, content: Content = Content.ALL
+    ) -> None:
+        """Prepare; ``live`` forces (or forbids) a table, None decides by standard output."""
         self._title = title
-        self._show = show
+        self._content = content
         self._console = Console()
         self._live: Live | None = None
         if sys.stdout.isatty() if live is None else live:
@@ -84,34 +87,30 @@ class Screen:
         self._due = 0.0
 
     def __enter__(self) -> "Screen":
-        """Take the terminal."""
+        """Start the live table."""
         if self._live is not None:
             self._live.start()
         return self
 
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_error: object) -> None:
+        """Stop the live table; its last state stays on the terminal."""
         if self._live is not None:
             self._live.stop()
 
     def show(self, view: Snapshot) -> None:
-        """Draw ``view`` if it is time to; call as often as you like."""
+        """Draw ``view``; calls more frequent than the table's or the lines' period are ignored."""
         now = time.monotonic()
         if now < self._due:
             return
-        if self._live is not None:
-            self._due = now + REDRAW_PERIOD
-            # The line below the table is the cursor's.
-            room = self._console.size.height - 1
-            table = draw(view, self._title, show=self._show, height=room)
-            self._live.update(table, refresh=True)
-        else:
+        if self._live is None:
             self._due = now + LINE_PERIOD
-            print(line(view), flush=True)
+            print(format_line(view), flush=True)
+            return
+        self._due = now + REDRAW_PERIOD
+        # The last line of the terminal is the cursor's.
+        height = self._console.size.height - 1
+        table = render_table(view, self._title, content=self._content, height=height)
+        self._live.update(table, refresh=True)
 
     def say(self, text: str) -> None:
         """Print ``text`` above the table, or as a line."""
@@ -121,8 +120,8 @@ class Screen:
             print(text, flush=True)
 
 
-def watch(bus: BusConfig, title: str, show: Show = Show.ALL) -> None:
-    """Show the live table, or only a part of it, until Ctrl-C.
+def watch(bus: BusConfig, title: str, content: Content = Content.ALL) -> None:
+    """Show the live table, or one part of it, until Ctrl-C.
 
     Raises:
         BusError: the bus cannot be opened.
@@ -130,9 +129,9 @@ def watch(bus: BusConfig, title: str, show: Show = Show.ALL) -> None:
     with (
         contextlib.suppress(KeyboardInterrupt),
         terminated_as_interrupted(),
-        Watch(bus) as seen,
-        Screen(title, show=show) as screen,
+        monitored(bus) as monitor,
+        Screen(title, content=content) as screen,
     ):
         while True:
-            screen.show(seen.look())
-            time.sleep(TICK)
+            screen.show(monitor.poll())
+            time.sleep(POLL_PERIOD)

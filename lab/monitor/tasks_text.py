@@ -1,13 +1,13 @@
-"""What ``trill tasks`` prints and draws."""
+"""Describe the scored tasks and draw their scenes, for ``trill tasks``."""
 
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from common.links.spec import PRESETS
 from lab.errors import LabError
+from lab.progress import ProgressBar
 from services.sim.model.world import build_model
 from services.sim.scenes import SCENES
 from services.sim.tasks import Task, all_tasks
@@ -17,12 +17,12 @@ PICTURES = Path("docs/tasks")
 
 
 def sheet_name(task: str) -> str:
-    """File name of the pictures of a task done."""
+    """Return the file name of the contact sheet of a success."""
     return f"{task.replace('/', '-')}.jpg"
 
 
 def task_table(tasks: list[Task]) -> Table:
-    """The tasks at a glance; the last column names pictures of a success of each."""
+    """Return a table of the tasks; its last column names a contact sheet of a success."""
     table = Table(show_lines=True)
     for title in ("task", "goal", "limit", "a success if", f"in {PICTURES}"):
         table.add_column(title, overflow="fold")
@@ -33,8 +33,8 @@ def task_table(tasks: list[Task]) -> Table:
     return table
 
 
-def describe(task: Task) -> str:
-    """Everything about one task, in plain text."""
+def describe_task(task: Task) -> str:
+    """Return everything about one task as plain text."""
     scene = SCENES[task.scene]
     stages = [
         f"  {i}. {stage.name}"
@@ -79,9 +79,9 @@ def _own_link(task: Task) -> str:
 
 
 def _undesired(task: Task) -> list[str]:
-    """Every undesired pair that the scene has, the likeliest parts first."""
+    """Return the undesired pairs that are possible in the scene, with the likeliest parts."""
     model = build_model(task.scene, looks=False)
-    # The robot's shapes have the first of the collision bits.
+    # The robot's collision shapes use the first collision bit.
     reachable = (model.geom_contype | model.geom_conaffinity) & 1
     names = [model.geom(i).name for i in range(model.ngeom) if reachable[i]]
     things = dict.fromkeys(thing_of(name) for name in names if "." in name)
@@ -92,7 +92,7 @@ def _undesired(task: Task) -> list[str]:
 
 
 def physics_table() -> str:
-    """Masses, frictions and springs of all scenes, as Markdown."""
+    """Return masses, frictions and springs of all scenes as Markdown."""
     lines: list[str] = []
     for scene in SCENES.values():
         if not scene.physics:
@@ -111,22 +111,21 @@ def physics_table() -> str:
     return "\n".join(lines)
 
 
-def draw(console: Console, directory: Path) -> None:
+def draw_scenes(console: Console, directory: Path) -> None:
     """Draw every scene into a directory, with a progress bar.
 
     Raises:
-        RenderingUnavailableError: there is no off-screen OpenGL.
+        RenderingUnavailableError: off-screen OpenGL is not available.
         LabError: the directory cannot be written.
     """
-    # Needs OpenGL and is only wanted here.
+    # It needs OpenGL, which the other functions do not.
     from services.sim.rendering.task_sheet import write_sheets
 
     scenes = {task.scene for task in all_tasks().values()}
-    with Progress(console=console, transient=True) as progress:
-        bar = progress.add_task("drawing the scenes", total=len(scenes))
+    with ProgressBar("drawing the scenes", total=len(scenes), console=console) as bar:
         try:
             for path in write_sheets(directory):
-                progress.advance(bar)
-                progress.console.print(f"{path}  {path.stat().st_size / 1000:.0f} kB")
+                bar.advance()
+                bar.say(f"{path}  {path.stat().st_size / 1000:.0f} kB")
         except OSError as error:
             raise LabError(f"cannot write in {directory}: {error.strerror}") from error

@@ -1,1 +1,1 @@
-"""After a run: summary, scores, pictures and video, all from its log."""
+"""Review a finished run from its log: summary, scores, plots, contact sheet and video."""

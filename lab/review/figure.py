@@ -1,6 +1,6 @@
 """Create Matplotlib figures without a display and without pyplot's global state.
 
-Matplotlib takes about a second to import, so it is imported only when a plot is made.
+Matplotlib takes half a second of CPU time to import, so it is imported only for a plot.
 """
 
 from typing import TYPE_CHECKING, Any

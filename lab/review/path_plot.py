@@ -1,15 +1,13 @@
 """Plot the robot's path from above beside the path that its gaits commanded."""
 
-from collections.abc import Mapping
 from math import cos, sin
 
 import numpy as np
 
-from common.schemas import Gait
 from lab.review.figure import GRID_COLOUR, figure_image, new_figure
-from lab.review.film import Film
 from lab.review.frames import Image
-from lab.review.scoring import Pose2, planar_pose
+from lab.review.scoring import planar_pose
+from lab.review.timeline import Timeline
 
 _SWAY_COLOUR, _WALKED_COLOUR, _COMMANDED_COLOUR = "#b0c4de", "#1450aa", "#d6601e"
 _ARROW = 0.08
@@ -18,7 +16,7 @@ _SURROUNDINGS = 0.15
 """Floor shown around the start at least [m], so that standing still is not magnified."""
 
 
-def plot_path(film: Film, commanded: Mapping[Gait, Pose2], width: int, height: int) -> Image:
+def plot_path(timeline: Timeline, width: int, height: int) -> Image:
     """Draw the path as a (height, width, 3) RGB image, with the robot's x up and its y left.
 
     A pale line shows every ground truth, sway included; arrows show pose and heading at the end
@@ -27,12 +25,12 @@ def plot_path(film: Film, commanded: Mapping[Gait, Pose2], width: int, height: i
     Raises:
         ConfigError: Matplotlib is not installed.
     """
-    poses = [planar_pose(state) for state in film.truth]
-    first = poses[film.strides[0].start] if film.strides else poses[0]
-    reached = [first, *(poses[stride.end] for stride in film.strides)]
+    poses = [planar_pose(state) for state in timeline.truth]
+    first = poses[timeline.gaits[0].start] if timeline.gaits else poses[0]
+    reached = [first, *(poses[span.end] for span in timeline.gaits)]
     wanted = [first]
-    for stride in film.strides:
-        wanted.append(wanted[-1].then(commanded.get(stride.gait, Pose2())))
+    for span in timeline.gaits:
+        wanted.append(wanted[-1].then(timeline.commanded[span.gait]))
 
     figure = new_figure(width, height)
     axes = figure.add_subplot()

@@ -1,11 +1,7 @@
-"""After a run: summary, pictures and a short report, all from the log."""
+"""Write summary and pictures of a finished run from its log, and print a short report."""
 
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from common.errors import TrillError
 from common.files import write_whole
@@ -13,14 +9,13 @@ from common.transport.keys import topic_of
 from deploy.launch import Ended, Verdict
 from deploy.system import LOG_FILE, versions
 from lab.errors import LabError
-from lab.review.film import Film, gather
+from lab.progress import ProgressBar
 from lab.review.run_summary import RunSummary, ServiceTiming
-from lab.review.scoring import commanded_motions
 from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
 from lab.review.task_summary import trial_lines
+from lab.review.timeline import read_timeline
 from services.logger.read.reader import LogReader
-from services.wbc.config import GaitConfig
 
 SUMMARY_FILE = "summary.json"
 SHEET_FILE = "contact_sheet.png"
@@ -28,7 +23,7 @@ VIDEO_FILE = "video.mp4"
 
 
 def finish(ended: Ended, settings: dict[str, str], *, pictures: bool, video: bool) -> RunSummary:
-    """Sum up a finished run, print the report, draw the pictures.
+    """Summarise a finished run, print the report and draw the pictures.
 
     Raises:
         LoggerError: there is no readable log.
@@ -37,25 +32,24 @@ def finish(ended: Ended, settings: dict[str, str], *, pictures: bool, video: boo
     print("reading the log", flush=True)
     summary = write_summary(ended.run_dir, ended.verdict, settings)
     print("\n".join(report_lines(summary)), flush=True)
-    troubles = draw_pictures(ended.run_dir, video=video) if pictures else []
-    for trouble in troubles:
-        print(trouble)
+    if pictures and (failure := draw_pictures(ended.run_dir, video=video)):
+        print(failure)
     print("\n".join(file_lines(ended.run_dir)), flush=True)
     return summary
 
 
 def known_verdict(run_dir: Path) -> tuple[Verdict, dict[str, str]]:
-    """Verdict and settings of a run that was summed up before; else "unknown" and none."""
+    """Return verdict and settings from an earlier summary; "unknown" and none without one."""
     path = run_dir / SUMMARY_FILE
     try:
         known = RunSummary.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
-        return Verdict("unknown", "nothing but the log is left"), {}
+        return Verdict("unknown", "only the log is left"), {}
     return Verdict(known.outcome, known.reason), known.environment
 
 
 def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> RunSummary:
-    """Sum up the run's log into ``summary.json``; ``settings`` are kept with the versions.
+    """Summarise the run's log into ``summary.json``, with versions and ``settings``.
 
     Raises:
         LoggerError: there is no readable log.
@@ -71,7 +65,7 @@ def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> 
     )
     path = run_dir / SUMMARY_FILE
     try:
-        # Whole: the verdict is nowhere else, and a full disk must not take it.
+        # Atomically: the verdict is kept nowhere else, and a full disk must not destroy it.
         write_whole(path, (summary.model_dump_json(indent=2) + "\n").encode())
     except OSError as error:
         raise LabError(f"cannot write {path}: {error.strerror}") from error
@@ -79,7 +73,7 @@ def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> 
 
 
 def _findings(reader: LogReader) -> LogFindings:
-    """What ``reader`` knows once it has read to the end."""
+    """Return what ``reader`` found out about the log, once it has read to the end."""
     dropped: Counter[str] = Counter()
     for key, count in reader.report.items():
         topic = topic_of(reader.origin.get("robot", ""), key)
@@ -88,50 +82,31 @@ def _findings(reader: LogReader) -> LogFindings:
     return LogFindings(dropped=dropped, refused=reader.refused, truncated=reader.truncated)
 
 
-def draw_pictures(run_dir: Path, *, video: bool) -> list[str]:
-    """Render contact sheet and video; returns what could not be done, in words.
+def draw_pictures(run_dir: Path, *, video: bool) -> str:
+    """Render contact sheet and video; return the reason if that failed, else "".
 
-    Pictures are a bonus: without a graphics library the run is as good, so nothing is raised.
+    Nothing is raised: a run is valid without its pictures, for instance without OpenGL.
     """
     try:
         from lab.review.pictures import write_contact_sheet, write_video
     except ImportError as error:
-        return [f"no pictures: {error}; install the extras with  pip install -e '.[deploy,sim]'"]
-    film: Film = gather(LogReader(run_dir / LOG_FILE).messages())
-    commanded = commanded_motions(GaitConfig())
-    with _bar() as bar:
-        sheet = bar.add_task("contact sheet", total=None)
-        try:
-            write_contact_sheet(
-                run_dir / SHEET_FILE,
-                film,
-                commanded,
-                lambda done, total: bar.update(sheet, completed=done, total=total),
-            )
-            if video:
-                task = bar.add_task("video (Ctrl-C to go without)", total=None)
-                write_video(
-                    run_dir / VIDEO_FILE,
-                    film,
-                    lambda done, total: bar.update(task, completed=done, total=total),
-                )
-        except TrillError as error:
-            return [f"no pictures: {error}"]
-        except KeyboardInterrupt:
-            return ["pictures were stopped half-way"]
-    return []
-
-
-@contextmanager
-def _bar() -> Iterator[Progress]:
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    ) as bar:
-        yield bar
+        return f"no pictures: {error}; install the extras with  pip install -e '.[deploy,sim]'"
+    timeline = read_timeline(LogReader(run_dir / LOG_FILE).messages())
+    try:
+        with ProgressBar("contact sheet") as bar:
+            write_contact_sheet(run_dir / SHEET_FILE, timeline, bar.show)
+        if video:
+            with ProgressBar("video (Ctrl-C skips it)") as bar:
+                write_video(run_dir / VIDEO_FILE, timeline, bar.show)
+    except TrillError as error:
+        return f"no pictures: {error}"
+    except KeyboardInterrupt:
+        return "Ctrl-C: the pictures are not complete"
+    return ""
 
 
 def report_lines(summary: RunSummary) -> list[str]:
-    """The report for a person, line by line."""
+    """Format a summary for a person, line by line."""
     walk, plant, tracking = summary.walk, summary.plant, summary.tracking
     total = summary.gaits["total"]
     lines = [
@@ -143,14 +118,14 @@ def report_lines(summary: RunSummary) -> list[str]:
         f"gaits          {total.completed} completed of {total.accepted} accepted and "
         f"{total.requested} requested; {total.refused} refusals"
         + "".join(
-            f"\n               {name.replace('_', ' '):<11} {tally.completed}/{tally.requested}"
+            f"\n               {name.replace('_', ' '):<11} {counts.completed}/{counts.requested}"
             f"{_means(summary, name)}"
-            for name, tally in summary.gaits.items()
+            for name, counts in summary.gaits.items()
             if name != "total"
         ),
         f"walked         {walk.distance:.3f} m of {walk.commanded_distance:.3f} m commanded, "
         f"turned {walk.turn_deg:+.1f} deg of {walk.commanded_turn_deg:+.1f}; "
-        f"ended {1e3 * walk.end_error:.0f} mm from the commanded place",
+        f"ended {1e3 * walk.end_error:.0f} mm from the commanded position",
         f"hands          off by {tracking.hand_position_mm.median:.1f} mm (p99 "
         f"{tracking.hand_position_mm.p99:.1f}), {tracking.hand_rotation_deg.median:.1f} deg (p99 "
         f"{tracking.hand_rotation_deg.p99:.1f})",
@@ -163,14 +138,14 @@ def report_lines(summary: RunSummary) -> list[str]:
     dropped = sum(topic.dropped for topic in summary.topics.values())
     count = sum(topic.messages for topic in summary.topics.values())
     lines.append(
-        f"log            {count} messages, {gaps} missing, {dropped} dropped by logger"
+        f"log            {count} messages, {gaps} missing, {dropped} dropped by the logger"
         + ("; truncated: its end was never written" if summary.log_truncated else "")
     )
     return lines
 
 
 def file_lines(run_dir: Path) -> list[str]:
-    """What the run left behind, line by line."""
+    """List the files of a run, line by line."""
     return [
         f"{'files' if number == 0 else '':<14} {run_dir / name}"
         for number, name in enumerate((LOG_FILE, SUMMARY_FILE, SHEET_FILE, VIDEO_FILE, "logs"))
@@ -179,7 +154,7 @@ def file_lines(run_dir: Path) -> list[str]:
 
 
 def _means(summary: RunSummary, gait: str) -> str:
-    """Mean motion of one gait type, along what it was commanded."""
+    """Format the mean motion of one gait type in its commanded direction, for the report."""
     runs = [r for r in summary.gait_runs if r.gait == gait and r.outcome == "completed"]
     if not runs:
         return ""

@@ -1,7 +1,12 @@
-"""What ``summary.json`` says about a run; computed by :mod:`lab.review.summary`."""
+"""Schema of ``summary.json``, the numbers of one run; :mod:`lab.review.summary` computes them."""
 
+from collections.abc import Iterable
+from typing import Self
+
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.schemas import UndesiredContact
 from deploy.launch import Outcome
 
 
@@ -9,34 +14,45 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class Spread(_Part):
-    """A sampled quantity; the unit stands in the name of the field that holds it."""
+class Quantiles(_Part):
+    """Distribution of a sampled quantity, in the unit that the name of its field ends in."""
 
     samples: int = 0
     median: float = 0.0
     p99: float = 0.0
     maximum: float = 0.0
 
+    @classmethod
+    def of(cls, samples: Iterable[float]) -> Self:
+        """Compute median, 99th percentile and maximum; all are zero without samples."""
+        values = np.fromiter(samples, dtype=np.float64)
+        if not len(values):
+            return cls()
+        median, p99, maximum = np.percentile(values, [50, 99, 100]).tolist()
+        return cls(samples=len(values), median=median, p99=p99, maximum=maximum)
 
-class GaitTally(_Part):
-    """Counts of one gait type over the run."""
+
+class GaitCounts(_Part):
+    """Counts of the requests of one gait type."""
 
     requested: int = 0
     accepted: int = 0
     completed: int = 0
-    refused: int = Field(default=0, description="refusals, a request may collect several")
+    refused: int = Field(default=0, description="refusals; one request may collect several")
     aborted: int = 0
 
 
 class GaitRun(_Part):
-    """One request and what came of it; motions in the robot's heading when it was accepted."""
+    """One gait request and its outcome; motions are in the robot's frame at its acceptance."""
 
     request_id: int
     gait: str
-    outcome: str = Field(description="requested (no answer), refused, accepted, completed, aborted")
+    outcome: str = Field(
+        description="requested (no reply), refused, accepted, completed or aborted"
+    )
     reason: str = ""
     refusals: int = Field(default=0, description="times it was refused before this outcome")
-    duration: float = Field(default=0.0, description="robot time from accepted to its end [s]")
+    duration: float = Field(default=0.0, description="robot time from acceptance to end [s]")
     forward: float = Field(default=0.0, description="[m]")
     left: float = Field(default=0.0, description="[m]")
     turn_deg: float = 0.0
@@ -46,50 +62,50 @@ class GaitRun(_Part):
 
 
 class Walk(_Part):
-    """All completed gaits together, from the first's acceptance to the last's completion.
+    """Motion from the acceptance of the first completed gait to the completion of the last one.
 
-    Positions are in the heading the robot had at the start.
+    Positions are in the robot's frame at the start.
     """
 
-    distance: float = Field(default=0.0, description="sum over the gaits that go somewhere [m]")
+    distance: float = Field(default=0.0, description="sum over the gaits that change position [m]")
     commanded_distance: float = 0.0
-    forward: float = Field(default=0.0, description="end against start [m]")
+    forward: float = Field(default=0.0, description="end relative to start [m]")
     left: float = 0.0
     turn_deg: float = Field(default=0.0, description="sum over the gaits")
-    commanded_forward: float = Field(default=0.0, description="by the commands one after another")
+    commanded_forward: float = Field(default=0.0, description="sum of the commands")
     commanded_left: float = 0.0
     commanded_turn_deg: float = 0.0
     end_error: float = Field(default=0.0, description="distance from the commanded end [m]")
 
 
 class ServiceTiming(_Part):
-    """A service's loop over the run, from its own health messages."""
+    """Timing of a service's loop, from its health messages; each covers a window of time."""
 
     period_ms: float
     steps: int
     deadline_misses: int
-    step_median_ms: float = Field(description="median over the windows it reported")
+    step_median_ms: float = Field(description="median of the windows' medians")
     step_p99_ms: float = Field(description="median of the windows' 99th percentiles")
-    step_p99_worst_ms: float = Field(description="worst window's 99th percentile")
+    step_p99_worst_ms: float = Field(description="largest 99th percentile of a window")
     cpu: float = Field(description="mean share of one core")
     realtime: str
-    input_gaps: int = Field(description="messages its inputs missed by sequence number")
+    input_gaps: int = Field(description="messages its inputs missed, by sequence number")
     input_refused: int = Field(description="undecodable or invalid messages on its inputs")
 
 
-class TopicTally(_Part):
-    """One topic as recorded."""
+class TopicStats(_Part):
+    """Messages of one topic in the log."""
 
     messages: int
-    rate: float = Field(description="[Hz], between its first and last message as sent")
+    rate: float = Field(description="from the first to the last message sent [Hz]")
     nominal_rate: float
-    gaps: int = Field(description="missing in the log by sequence number")
-    dropped: int = Field(default=0, description="arrived at the logger but not written")
-    undecodable: int = Field(default=0, description="recorded, but of another schema or damaged")
+    gaps: int = Field(description="messages missing in the log, by sequence number")
+    dropped: int = Field(default=0, description="received by the logger but not written")
+    undecodable: int = Field(default=0, description="damaged, or of another schema version")
 
 
-class PlantTally(_Part):
-    """The plant's own account."""
+class PlantStats(_Part):
+    """Counts and timing that the plant reported."""
 
     falls: int = 0
     resets: int = 0
@@ -97,68 +113,60 @@ class PlantTally(_Part):
     commands_applied: int = 0
     commands_refused: int = 0
     late_steps: int = 0
-    saturated_fraction: float = Field(default=0.0, description="mean over the status messages")
-    real_time_factor: float = Field(
-        default=0.0, description="robot time / sender's time, whole run"
-    )
-    real_time_factor_worst: float = Field(default=0.0, description="worst second")
-    age_at_torque_median_ms: float = Field(default=0.0, description="median over seconds")
-    age_at_torque_p99_ms: float = Field(default=0.0, description="median over seconds")
-    age_at_torque_p99_worst_ms: float = Field(default=0.0, description="worst second")
+    saturated_fraction: float = Field(default=0.0, description="mean of the status messages")
+    real_time_factor: float = Field(default=0.0, description="of the whole run")
+    real_time_factor_worst: float = Field(default=0.0, description="of the worst second")
+    age_at_torque_median_ms: float = Field(default=0.0, description="median of all seconds")
+    age_at_torque_p99_ms: float = Field(default=0.0, description="median of all seconds")
+    age_at_torque_p99_worst_ms: float = Field(default=0.0, description="of the worst second")
 
 
 class Tracking(_Part):
-    """The controller's own errors, while it balanced or walked."""
+    """Tracking errors that the controller reported."""
 
-    hand_position_mm: Spread = Spread()
-    hand_rotation_deg: Spread = Spread()
-    dcm_mm: Spread = Spread()
+    hand_position_mm: Quantiles = Quantiles()
+    hand_rotation_deg: Quantiles = Quantiles()
+    dcm_mm: Quantiles = Quantiles()
     solver: str = ""
     unsolved: int = 0
 
 
-class StageTally(_Part):
-    """A step towards a task's goal."""
+class StageResult(_Part):
+    """A stage of a task."""
 
     name: str
-    at: float | None = Field(description="when it was done, time of the trial [s]; None: never")
-
-
-class ContactTally(_Part):
-    """An undesired contact."""
-
-    name: str = Field(description="for instance: left wrist on jamb")
-    since: float = Field(description="first touch, time of the trial [s]")
-    peak: float = Field(description="largest normal force [N]")
+    at: float | None = Field(description="trial time at which it was done [s]; None: never")
 
 
 class TaskTrial(_Part):
-    """One trial of a scored task, as the plant's judge saw it."""
+    """One trial of a scored task, as the judge in the plant saw it."""
 
     task: str
     seed: int
     verdict: str = Field(description="running (no verdict), success, partial or failure")
-    time: float = Field(description="until the verdict, or so far [s]")
+    time: float = Field(description="trial time of the verdict, or of the last status [s]")
     limit: float = Field(description="[s]")
     reason: str = ""
-    stages: list[StageTally]
-    undesired: list[ContactTally]
-    operator: str = Field(default="", description="what the operator said it was playing")
+    stages: list[StageResult]
+    undesired: list[UndesiredContact]
+    operator: str = Field(default="", description="script that the operator reported")
 
 
 class RunSummary(_Part):
-    """Everything worth knowing about one run, as written to ``summary.json``."""
+    """Numbers of one run, as written to ``summary.json``."""
 
     outcome: Outcome
     reason: str = ""
-    duration: float = Field(description="robot time covered by the log [s]")
-    gaits: dict[str, GaitTally]
+    duration: float = Field(description="robot time since the last reset [s]")
+    gaits: dict[str, GaitCounts]
     gait_runs: list[GaitRun]
     walk: Walk
-    plant: PlantTally
+    plant: PlantStats
     tracking: Tracking
-    trials: list[TaskTrial] = Field(default=[], description="of the scored task, if there is one")
+    trials: list[TaskTrial] = Field(default=[], description="of the scored task; empty without one")
     services: dict[str, ServiceTiming]
-    topics: dict[str, TopicTally]
-    log_truncated: bool = Field(default=False, description="the logger was killed")
+    topics: dict[str, TopicStats]
+    log_truncated: bool = Field(
+        default=False, description="the logger was killed before it could write the end"
+    )
     environment: dict[str, str]

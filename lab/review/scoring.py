@@ -1,16 +1,22 @@
-"""How far and how straight the robot walked, judged from ground truth. Pure.
+"""Compare each gait's motion, taken from ground truth, with its command. Pure.
 
-Planar poses are (x [m], y [m], yaw [rad]). The reference point is the ground point between the
-feet of the nominal crouch, which lies ahead of the torso's origin: so a turn on the spot reads as
-no distance.
+Planar poses are (x [m], y [m], yaw [rad]) of the point on the floor between the feet of the
+nominal crouch. It lies ahead of the torso's origin, so that a turn on the spot covers no distance.
 """
 
-from collections.abc import Mapping
+import json
 from dataclasses import dataclass
 from math import atan2, cos, degrees, hypot, sin
 from typing import Final
 
-from common.schemas import Gait, GaitOutcome, GaitReply, GaitRequest, PlantState
+from common.schemas import (
+    Gait,
+    GaitOutcome,
+    GaitReply,
+    GaitRequest,
+    PlantState,
+    StepJournal,
+)
 from lab.review.run_summary import GaitRun, Walk
 from services.wbc.config import GaitConfig
 
@@ -42,8 +48,9 @@ class Pose2:
         return Pose2(c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw))
 
 
-def commanded_motions(config: GaitConfig) -> dict[Gait, Pose2]:
-    """What one gait of each type should do under the controller's ``config``."""
+def commanded_motions(config: GaitConfig | None = None) -> dict[Gait, Pose2]:
+    """Return the motion that one gait of each type should make; None: by the default config."""
+    config = config or GaitConfig()
     return {
         Gait.FORWARD: Pose2(x=config.forward_step),
         Gait.BACKWARD: Pose2(x=-config.backward_step),
@@ -54,13 +61,27 @@ def commanded_motions(config: GaitConfig) -> dict[Gait, Pose2]:
     }
 
 
+def recorded_motions(journal: StepJournal) -> dict[Gait, Pose2] | None:
+    """Return :func:`commanded_motions` under the settings that a controller recorded.
+
+    None if ``journal`` is another service's, does not hold the settings (only the first one of a
+    service does) or holds settings of another version.
+    """
+    if journal.service != "wbc" or not journal.settings:
+        return None
+    try:
+        return commanded_motions(GaitConfig.model_validate(json.loads(journal.settings)["gait"]))
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
 def wrap(angle: float) -> float:
     """``angle`` [rad] brought to (-pi, pi]."""
     return atan2(sin(angle), cos(angle))
 
 
 def planar_pose(truth: PlantState) -> Pose2:
-    """Pose on the floor of the point between the (nominal) feet, heading from the torso's yaw."""
+    """Return the pose of the point between the nominal feet, headed as the torso is."""
     w, x, y, z = (float(value) for value in truth.base_quaternion)
     yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return Pose2(
@@ -70,20 +91,8 @@ def planar_pose(truth: PlantState) -> Pose2:
     )
 
 
-class Track:
-    """Where the robot is: fed with ground truth in the order it arrived."""
-
-    def __init__(self) -> None:
-        self.last: Pose2 | None = None
-        self.stamp = 0
-
-    def add(self, truth: PlantState) -> None:
-        """Take in the newest ground truth."""
-        self.last, self.stamp = planar_pose(truth), truth.header.stamp
-
-
-_UNHEARD = ("", 0)
-"""Sender of a request that was answered but not (or not yet) recorded."""
+_UNKNOWN_SENDER = ("", 0)
+"""Sender of a request that was answered but not, or not yet, recorded."""
 
 
 @dataclass
@@ -95,68 +104,80 @@ class _Request:
     reason: str = ""
     refusals: int = 0
     started: tuple[int, Pose2] | None = None
+    """Stamp [ns] and pose at its acceptance."""
     ended: tuple[int, Pose2] | None = None
 
-    def moved(self) -> Pose2:
-        """The motion from its acceptance to its end; none if either is not known."""
+    def motion(self) -> Pose2:
+        """Return the motion from its acceptance to its end; zero if either is unknown."""
         return self.started[1].to(self.ended[1]) if self.started and self.ended else Pose2()
 
 
-class GaitLedger:
-    """Matches gait requests with their replies and with the motion in between.
+class GaitTracker:
+    """Matches gait requests with their replies and with the robot's motion in between.
 
-    A sender's request is known by its id, however often it is sent; replies name the id alone and
-    answer the latest request with it. A reply whose request was not recorded counts too.
+    A request is identified by its sender and its id, however often it is sent; a reply carries
+    the id alone and answers the latest request with that id. A reply whose request was not
+    recorded counts too. Commanded motions are those of the recorded settings of the controller,
+    or of its default configuration where the log has none.
     """
 
     def __init__(self) -> None:
         self._requests: list[_Request] = []
         self._latest: dict[int, _Request] = {}
+        self._here: tuple[int, Pose2] | None = None
+        self._commanded = commanded_motions()
+
+    def journal(self, message: StepJournal) -> None:
+        """Take the commanded motions from a journal that has the controller's settings."""
+        self._commanded = recorded_motions(message) or self._commanded
+
+    def truth(self, message: PlantState) -> None:
+        """Update the robot's pose."""
+        self._here = message.header.stamp, planar_pose(message)
 
     def request(self, message: GaitRequest) -> None:
-        """Note a request."""
+        """Add a request."""
         sender = (message.header.source, message.header.boot)
         known = self._latest.get(message.request_id)
-        if known is not None and known.sender == _UNHEARD:
-            known.sender = sender  # two links: the answer may overtake its request
+        if known is not None and known.sender == _UNKNOWN_SENDER:
+            known.sender = sender  # On two links a reply may overtake its request.
         elif known is None or known.sender != sender:
             self._open(message.request_id, message.gait, sender)
 
-    def reply(self, message: GaitReply, track: Track) -> None:
-        """Note a reply; the robot is where ``track`` last saw it.
+    def reply(self, message: GaitReply) -> None:
+        """Add a reply, given while the robot was at its last pose.
 
-        A request that is sent again is answered again. What was said of it before stands: a gait
-        began with its first acceptance, and what is over stays so.
+        A request that is sent again is answered again, which changes nothing: a gait began with
+        its first acceptance and ended with its first completion or abortion.
         """
         entry = self._latest.get(message.request_id) or self._open(
-            message.request_id, message.gait, _UNHEARD
+            message.request_id, message.gait, _UNKNOWN_SENDER
         )
-        if not _is_news(entry.outcome, message.outcome):
+        if not _is_new(entry.outcome, message.outcome):
             return
-        here = None if track.last is None else (track.stamp, track.last)
         if message.outcome is GaitOutcome.ACCEPTED:
-            entry.started = here
+            entry.started = self._here
         elif message.outcome is GaitOutcome.REFUSED:
             entry.refusals += 1
         else:
-            entry.ended = here
+            entry.ended = self._here
         entry.outcome = message.outcome.name.lower()
         entry.reason = message.reason or entry.reason
 
-    def runs(self, commanded: Mapping[Gait, Pose2]) -> list[GaitRun]:
-        """All requests in the order they were made."""
-        return [_run(entry, commanded.get(entry.gait, Pose2())) for entry in self._requests]
+    def runs(self) -> list[GaitRun]:
+        """Return every request with its outcome, in the order of the requests."""
+        return [_run(entry, self._commanded.get(entry.gait, Pose2())) for entry in self._requests]
 
-    def walk(self, commanded: Mapping[Gait, Pose2]) -> Walk:
-        """All completed gaits together: where they led, and where they should have led."""
-        done = [one for one in self._requests if one.outcome == "completed"]
+    def walk(self) -> Walk:
+        """Compare where all completed gaits together led with where they should have led."""
+        done = [entry for entry in self._requests if entry.outcome == "completed"]
         goal, turned, turned_wanted, distance, distance_wanted = Pose2(), 0.0, 0.0, 0.0, 0.0
-        for one in done:
-            moved, step = one.moved(), commanded.get(one.gait, Pose2())
+        for entry in done:
+            motion, step = entry.motion(), self._commanded.get(entry.gait, Pose2())
             goal = goal.then(step)
-            turned, turned_wanted = turned + moved.yaw, turned_wanted + step.yaw
+            turned, turned_wanted = turned + motion.yaw, turned_wanted + step.yaw
             if step.x or step.y:
-                distance += hypot(moved.x, moved.y)
+                distance += hypot(motion.x, motion.y)
                 distance_wanted += hypot(step.x, step.y)
         reached = Pose2()
         if done and done[0].started and done[-1].ended:
@@ -180,17 +201,17 @@ class GaitLedger:
         return entry
 
 
-def _is_news(known: str, said: GaitOutcome) -> bool:
-    """Whether an answer tells of a request what was not known."""
-    if said is GaitOutcome.REFUSED:
+def _is_new(known: str, outcome: GaitOutcome) -> bool:
+    """Return whether a reply adds to the ``known`` outcome of its request."""
+    if outcome is GaitOutcome.REFUSED:
         return known == "requested"
-    if said is GaitOutcome.ACCEPTED:
+    if outcome is GaitOutcome.ACCEPTED:
         return known in {"requested", "refused"}
     return known not in {"completed", "aborted"}
 
 
-def _run(entry: _Request, wanted: Pose2) -> GaitRun:
-    duration, moved = 0.0, entry.moved()
+def _run(entry: _Request, commanded: Pose2) -> GaitRun:
+    duration, motion = 0.0, entry.motion()
     if entry.started and entry.ended:
         duration = (entry.ended[0] - entry.started[0]) * 1e-9
     return GaitRun(
@@ -200,10 +221,10 @@ def _run(entry: _Request, wanted: Pose2) -> GaitRun:
         reason=entry.reason,
         refusals=entry.refusals,
         duration=duration,
-        forward=moved.x,
-        left=moved.y,
-        turn_deg=degrees(moved.yaw),
-        commanded_forward=wanted.x,
-        commanded_left=wanted.y,
-        commanded_turn_deg=degrees(wanted.yaw),
+        forward=motion.x,
+        left=motion.y,
+        turn_deg=degrees(motion.yaw),
+        commanded_forward=commanded.x,
+        commanded_left=commanded.y,
+        commanded_turn_deg=degrees(commanded.yaw),
     )

@@ -1,7 +1,7 @@
-"""What happened in a run, computed from its log alone. Pure: messages in, :class:`RunSummary` out.
+"""Compute the summary of a run from the messages of its log. Pure.
 
-Numbers come from what the services said on the bus; only the verdict (why the run ended), the
-environment and the logger's own drop counts are handed in.
+The verdict (why the run ended), the environment and the logger's own counts are not in the
+messages and come from the caller; every other number is what the services published.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -9,7 +9,6 @@ from typing import Any
 
 from common.schemas import (
     ControllerState,
-    Gait,
     GaitReply,
     GaitRequest,
     Message,
@@ -18,12 +17,13 @@ from common.schemas import (
     PlantState,
     PlantStatus,
     ServiceHealth,
+    StepJournal,
     TaskStatus,
 )
 from common.topics import PLANT_TRUTH, Topic
 from deploy.launch import Outcome
-from lab.review.run_summary import GaitRun, GaitTally, RunSummary
-from lab.review.scoring import GaitLedger, Pose2, Track, commanded_motions
+from lab.review.run_summary import GaitCounts, GaitRun, RunSummary
+from lab.review.scoring import GaitTracker
 from lab.review.summary_readers import (
     LogFindings,
     PlantReader,
@@ -32,7 +32,6 @@ from lab.review.summary_readers import (
     TrackingReader,
 )
 from lab.review.task_summary import TaskReader
-from services.wbc.config import GaitConfig
 
 
 def summarise(
@@ -41,88 +40,65 @@ def summarise(
     outcome: Outcome = "completed",
     reason: str = "",
     environment: Mapping[str, str] | None = None,
-    about_log: Callable[[], LogFindings] | None = None,
-    commanded: Mapping[Gait, Pose2] | None = None,
+    about_log: Callable[[], LogFindings] = LogFindings,
 ) -> RunSummary:
-    """Read a run's messages in the order they arrived and sum them up.
+    """Read a run's messages in order of arrival and sum them up.
 
     Args:
         messages: (topic, message) pairs, e.g. from ``services.logger.read.reader``.
-        outcome: why the run ended, as its supervisor saw it; a fall seen in the log overrules
+        outcome: why the run ended, as its supervisor saw it; a fall in the log replaces
             ``"completed"``, ``"script failed"`` and ``"unknown"``.
         reason: a sentence about ``outcome``.
-        environment: versions and settings worth keeping with the numbers.
-        about_log: what is known of the log itself once it is read; asked at the end.
-        commanded: what each gait should do; by default as the controller's default configuration.
+        environment: versions and settings to keep with the numbers.
+        about_log: called after the last message for what reading showed about the log itself.
     """
-    wanted = commanded_motions(GaitConfig()) if commanded is None else commanded
-    seen = _Readers()
+    gaits, plant, tracking = GaitTracker(), PlantReader(), TrackingReader()
+    services, topics, task = ServiceReader(), TopicReader(), TaskReader()
     for topic, message in messages:
-        seen.read(topic, message)
-    found = LogFindings() if about_log is None else about_log()
-    runs, plant = seen.ledger.runs(wanted), seen.plant.tally()
-    if plant.falls and outcome in {"completed", "script failed", "unknown"}:
+        topics.read(topic, message)
+        match message:
+            case PlantState() if topic.name == PLANT_TRUTH.name:
+                gaits.truth(message)
+            case PlantState():
+                plant.state(message)
+            case PlantStatus():
+                plant.status(message)
+            case ControllerState():
+                tracking.read(message)
+            case ServiceHealth():
+                services.read(message)
+            case StepJournal():
+                gaits.journal(message)
+            case GaitRequest():
+                gaits.request(message)
+            case GaitReply():
+                gaits.reply(message)
+            case TaskStatus() | PlantRequest() | OperatorStatus():
+                task.read(message)
+    found, runs, plant_stats = about_log(), gaits.runs(), plant.stats()
+    if plant_stats.falls and outcome in {"completed", "script failed", "unknown"}:
         outcome, reason = "fell", reason or "the plant reported a fall"
+    names = sorted({run.gait for run in runs})
+    by_name = {name: [run for run in runs if run.gait == name] for name in names}
     return RunSummary(
         outcome=outcome,
         reason=reason,
-        duration=seen.plant.duration,
-        gaits=_tally_gaits(runs),
+        duration=plant.duration,
+        gaits={name: _counts(some) for name, some in {**by_name, "total": runs}.items()},
         gait_runs=runs,
-        walk=seen.ledger.walk(wanted),
-        plant=plant,
-        tracking=seen.tracking.tally(),
-        trials=seen.task.tally(),
-        services=seen.services.tally(),
-        topics=seen.topics.tally(found),
+        walk=gaits.walk(),
+        plant=plant_stats,
+        tracking=tracking.stats(),
+        trials=task.trials(),
+        services=services.stats(),
+        topics=topics.stats(found),
         log_truncated=found.truncated,
         environment=dict(environment or {}),
     )
 
 
-class _Readers:
-    """Hands each message to who counts it."""
-
-    def __init__(self) -> None:
-        self.track, self.ledger = Track(), GaitLedger()
-        self.plant, self.tracking = PlantReader(), TrackingReader()
-        self.services, self.topics = ServiceReader(), TopicReader()
-        self.task = TaskReader()
-
-    def read(self, topic: Topic[Any], message: Message) -> None:
-        self.topics.read(topic, message)
-        match message:
-            case PlantState() if topic.name == PLANT_TRUTH.name:
-                self.track.add(message)
-            case PlantState():
-                self.plant.state(message)
-            case PlantStatus():
-                self.plant.status(message)
-            case ControllerState():
-                self.tracking.read(message)
-            case ServiceHealth():
-                self.services.read(message)
-            case TaskStatus():
-                self.task.status(message)
-            case PlantRequest():
-                self.task.request(message)
-            case OperatorStatus():
-                self.task.operator(message)
-            case GaitRequest():
-                self.ledger.request(message)
-            case GaitReply():
-                self.ledger.reply(message, self.track)
-
-
-def _tally_gaits(runs: list[GaitRun]) -> dict[str, GaitTally]:
-    """Counts by gait name; the entry ``total`` sums them."""
-    names = sorted({run.gait for run in runs})
-    tallies = {name: _tally([run for run in runs if run.gait == name]) for name in names}
-    return {**tallies, "total": _tally(runs)}
-
-
-def _tally(runs: list[GaitRun]) -> GaitTally:
-    return GaitTally(
+def _counts(runs: list[GaitRun]) -> GaitCounts:
+    return GaitCounts(
         requested=len(runs),
         accepted=sum(run.outcome in {"accepted", "completed", "aborted"} for run in runs),
         completed=sum(run.outcome == "completed" for run in runs),

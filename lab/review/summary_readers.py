@@ -1,36 +1,35 @@
-"""Count one thing each of a run's messages: the plant, the hands, the services, the topics."""
+"""Accumulate the numbers of a summary message by message: plant, tracking, services, topics.
 
-from collections.abc import Iterable, Mapping
+Samples are kept as packed doubles, so that a log of hours fits in memory.
+"""
+
+from array import array
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
-from common.schemas import (
-    ControllerState,
-    Message,
-    PlantState,
-    PlantStatus,
-    ServiceHealth,
-)
+from common.schemas import ControllerState, Message, PlantState, PlantStatus, ServiceHealth
 from common.topics import Topic
 from common.wire.sequence import SequenceTracker
-from lab.review.run_summary import (
-    PlantTally,
-    ServiceTiming,
-    Spread,
-    TopicTally,
-    Tracking,
-)
+from lab.review.run_summary import PlantStats, Quantiles, ServiceTiming, TopicStats, Tracking
+
+_STATUSES_PER_SECOND = 10
+
+
+def _samples() -> "array[float]":
+    return array("d")
 
 
 @dataclass(frozen=True)
 class LogFindings:
-    """What reading the log showed about the log itself; counts by topic name.
+    """What reading the log showed about the log itself.
 
-    ``dropped``: received by the logger but not written. ``refused``: not decodable by this
-    version's schemas. ``truncated``: the logger was killed.
+    Attributes:
+        dropped: messages that the logger received but did not write, by topic name.
+        refused: messages that do not fit the schemas of this version, by topic name.
+        truncated: whether the logger was killed.
     """
 
     dropped: Mapping[str, int] = field(default_factory=dict)
@@ -38,65 +37,61 @@ class LogFindings:
     truncated: bool = False
 
 
-def spread(samples: Iterable[float]) -> Spread:
-    """Median, 99th percentile and maximum; all zero without samples."""
-    values = np.fromiter(samples, dtype=np.float64)
-    if not len(values):
-        return Spread()
-    median, p99 = np.percentile(values, [50, 99])
-    return Spread(
-        samples=len(values), median=float(median), p99=float(p99), maximum=float(values.max())
-    )
-
-
 class PlantReader:
-    """What the plant measured and reported of itself."""
+    """Accumulates the states that the plant measured and the statuses that it reported."""
 
     def __init__(self) -> None:
         self._first: PlantState | None = None
         self._last: PlantState | None = None
-        self._statuses: list[PlantStatus] = []
+        self._status: PlantStatus | None = None
+        self._falls = 0
+        self._saturated, self._factors = _samples(), _samples()
+        self._age_medians, self._age_p99s = _samples(), _samples()
 
     def state(self, message: PlantState) -> None:
-        """Take in a measured state."""
-        if self._first is None or _other_life(self._first, message):
+        """Add a measured state."""
+        if self._first is None or _epoch(self._first) != _epoch(message):
             self._first = message
         self._last = message
 
     def status(self, message: PlantStatus) -> None:
-        """Take in a report."""
-        self._statuses.append(message)
+        """Add a report."""
+        self._falls += message.fallen and not (self._status and self._status.fallen)
+        self._status = message
+        self._saturated.append(message.saturated_fraction)
+        if not message.paused and message.real_time_factor > 0.0:
+            self._factors.append(message.real_time_factor)
+        if message.age_at_torque_median > 0.0:
+            self._age_medians.append(1e3 * message.age_at_torque_median)
+            self._age_p99s.append(1e3 * message.age_at_torque_p99)
 
     @property
     def duration(self) -> float:
-        """Robot time covered since the plant was last started or reset [s]."""
+        """Robot time since the plant was last started or reset [s]."""
         if self._first is None or self._last is None:
             return 0.0
         return (self._last.header.stamp - self._first.header.stamp) * 1e-9
 
-    def tally(self) -> PlantTally:
-        """All of it."""
-        if not self._statuses:
-            return PlantTally()
-        statuses, last = self._statuses, self._statuses[-1]
-        # The first second has no full window behind it.
-        paced = [s for s in statuses if not s.paused and s.real_time_factor > 0.0][10:]
-        aged = [s for s in statuses if s.age_at_torque_median > 0.0]
-        p99 = spread(1e3 * s.age_at_torque_p99 for s in aged)
-        fallen = [False, *(s.fallen for s in statuses)]
-        return PlantTally(
-            falls=sum(now and not before for before, now in pairwise(fallen)),
+    def stats(self) -> PlantStats:
+        """Return the totals."""
+        last = self._status
+        if last is None:
+            return PlantStats()
+        age_p99 = Quantiles.of(self._age_p99s)
+        return PlantStats(
+            falls=self._falls,
             resets=0 if self._last is None else self._last.reset_count,
             holds=last.holds,
             commands_applied=last.commands_applied,
             commands_refused=last.commands_refused,
             late_steps=last.late_steps,
-            saturated_fraction=float(np.mean([s.saturated_fraction for s in statuses])),
+            saturated_fraction=float(np.mean(self._saturated)),
             real_time_factor=self._real_time_factor(),
-            real_time_factor_worst=min((s.real_time_factor for s in paced), default=0.0),
-            age_at_torque_median_ms=spread(1e3 * s.age_at_torque_median for s in aged).median,
-            age_at_torque_p99_ms=p99.median,
-            age_at_torque_p99_worst_ms=p99.maximum,
+            # The factor is taken over a second, which is not full at first.
+            real_time_factor_worst=min(self._factors[_STATUSES_PER_SECOND:], default=0.0),
+            age_at_torque_median_ms=Quantiles.of(self._age_medians).median,
+            age_at_torque_p99_ms=age_p99.median,
+            age_at_torque_p99_worst_ms=age_p99.maximum,
         )
 
     def _real_time_factor(self) -> float:
@@ -106,104 +101,129 @@ class PlantReader:
         return self.duration / wall if wall > 0.0 else 0.0
 
 
-def _other_life(one: PlantState, other: PlantState) -> bool:
-    return one.header.boot != other.header.boot or one.reset_count != other.reset_count
+def _epoch(state: PlantState) -> tuple[int, int]:
+    """Return what changes when the plant is restarted or reset."""
+    return state.header.boot, state.reset_count
 
 
 class TrackingReader:
-    """How well the controller followed."""
+    """Accumulates the tracking errors of the controller."""
 
     def __init__(self) -> None:
-        self._hand: list[float] = []
-        self._rotation: list[float] = []
-        self._dcm: list[float] = []
-        self._solver = ""
-        self._unsolved = 0
+        self._hand_mm, self._rotation_deg, self._dcm_mm = _samples(), _samples(), _samples()
+        self._last: ControllerState | None = None
 
     def read(self, message: ControllerState) -> None:
-        """Take in a state of the controller."""
-        self._solver, self._unsolved = message.solver, message.unsolved
-        self._dcm.append(1e3 * message.dcm_error)
+        """Add a state of the controller; hands count only while their set-points are fresh."""
+        self._last = message
+        self._dcm_mm.append(1e3 * message.dcm_error)
         if message.setpoint_fresh:
-            self._hand.extend(1e3 * message.hand_position_error)
-            self._rotation.extend(np.degrees(message.hand_rotation_error))
+            self._hand_mm.extend(1e3 * message.hand_position_error)
+            self._rotation_deg.extend(np.degrees(message.hand_rotation_error))
 
-    def tally(self) -> Tracking:
-        """All of it."""
+    def stats(self) -> Tracking:
+        """Return the distributions."""
         return Tracking(
-            hand_position_mm=spread(self._hand),
-            hand_rotation_deg=spread(self._rotation),
-            dcm_mm=spread(self._dcm),
-            solver=self._solver,
-            unsolved=self._unsolved,
+            hand_position_mm=Quantiles.of(self._hand_mm),
+            hand_rotation_deg=Quantiles.of(self._rotation_deg),
+            dcm_mm=Quantiles.of(self._dcm_mm),
+            solver=self._last.solver if self._last else "",
+            unsolved=self._last.unsolved if self._last else 0,
         )
 
 
+@dataclass
+class _Health:
+    """Reports of one service."""
+
+    last: ServiceHealth
+    medians: "array[float]" = field(default_factory=_samples)
+    p99s: "array[float]" = field(default_factory=_samples)
+    cpu: "array[float]" = field(default_factory=_samples)
+
+
 class ServiceReader:
-    """Each service's health."""
+    """Accumulates each service's health reports."""
 
     def __init__(self) -> None:
-        self._health: dict[str, list[ServiceHealth]] = {}
+        self._services: dict[str, _Health] = {}
 
     def read(self, message: ServiceHealth) -> None:
-        """Take in a report."""
-        self._health.setdefault(message.service, []).append(message)
+        """Add a report."""
+        health = self._services.setdefault(message.service, _Health(message))
+        health.last = message
+        health.medians.append(1e3 * message.step_median)
+        health.p99s.append(1e3 * message.step_p99)
+        health.cpu.append(message.cpu)
 
-    def tally(self) -> dict[str, ServiceTiming]:
-        """Timing by service."""
-        return {name: _timing(reports) for name, reports in sorted(self._health.items())}
+    def stats(self) -> dict[str, ServiceTiming]:
+        """Return the timing of each service by name."""
+        return {
+            name: ServiceTiming(
+                period_ms=1e3 * health.last.period,
+                steps=health.last.steps,
+                deadline_misses=health.last.deadline_misses,
+                step_median_ms=float(np.median(health.medians)),
+                step_p99_ms=float(np.median(health.p99s)),
+                step_p99_worst_ms=max(health.p99s),
+                cpu=float(np.mean(health.cpu)),
+                realtime=health.last.realtime,
+                input_gaps=sum(link.gaps for link in health.last.links),
+                input_refused=sum(link.refused for link in health.last.links),
+            )
+            for name, health in sorted(self._services.items())
+        }
 
 
-def _timing(reports: list[ServiceHealth]) -> ServiceTiming:
-    last = reports[-1]
-    return ServiceTiming(
-        period_ms=1e3 * last.period,
-        steps=last.steps,
-        deadline_misses=last.deadline_misses,
-        step_median_ms=1e3 * float(np.median([r.step_median for r in reports])),
-        step_p99_ms=1e3 * float(np.median([r.step_p99 for r in reports])),
-        step_p99_worst_ms=1e3 * max(r.step_p99 for r in reports),
-        cpu=float(np.mean([r.cpu for r in reports])),
-        realtime=last.realtime,
-        input_gaps=sum(link.gaps for link in last.links),
-        input_refused=sum(link.refused for link in last.links),
-    )
+@dataclass
+class _TopicCounts:
+    """Messages of one topic."""
+
+    nominal_rate: float = 0.0
+    messages: int = 0
+    first_sent: int = 0
+    last_sent: int = 0
+    sources: set[str] = field(default_factory=set)
+    sequence: SequenceTracker = field(default_factory=SequenceTracker)
+
+    @property
+    def rate(self) -> float:
+        """Mean rate [Hz]."""
+        seconds = (self.last_sent - self.first_sent) * 1e-9
+        return (self.messages - 1) / seconds if seconds > 0.0 else 0.0
 
 
 class TopicReader:
-    """Counts by topic name."""
+    """Counts messages by topic name."""
 
     def __init__(self) -> None:
-        self._count: dict[str, int] = {}
-        self._span: dict[str, tuple[int, int]] = {}
-        self._sources: dict[str, set[str]] = {}
-        self._nominal: dict[str, float] = {}
-        self._sequence: dict[str, SequenceTracker] = {}
+        self._topics: dict[str, _TopicCounts] = {}
 
     def read(self, topic: Topic[Any], message: Message) -> None:
-        """Take in a message of any topic."""
-        name, header = topic.name, message.header
-        self._count[name] = self._count.get(name, 0) + 1
-        self._nominal[name] = topic.rate
-        first, last = self._span.get(name, (header.sent, header.sent))
-        self._span[name] = (min(first, header.sent), max(last, header.sent))
-        self._sources.setdefault(name, set()).add(header.source)
-        self._sequence.setdefault(name, SequenceTracker()).observe(header)
+        """Count a message."""
+        header = message.header
+        counts = self._topics.get(topic.name)
+        if counts is None:
+            counts = _TopicCounts(topic.rate, first_sent=header.sent, last_sent=header.sent)
+            self._topics[topic.name] = counts
+        counts.messages += 1
+        counts.first_sent = min(counts.first_sent, header.sent)
+        counts.last_sent = max(counts.last_sent, header.sent)
+        counts.sources.add(header.source)
+        counts.sequence.observe(header)
 
-    def tally(self, found: LogFindings) -> dict[str, TopicTally]:
-        """Counts by topic; ``found`` adds what only the log's reader knows."""
+    def stats(self, found: LogFindings) -> dict[str, TopicStats]:
+        """Return the counts by topic name; ``found`` adds those of messages not read here."""
+        names = sorted({*self._topics, *found.dropped, *found.refused})
+        known = {name: self._topics.get(name, _TopicCounts()) for name in names}
         return {
-            name: TopicTally(
-                messages=self._count.get(name, 0),
-                rate=self._rate(name),
-                nominal_rate=self._nominal.get(name, 0.0) * len(self._sources.get(name, {""})),
-                gaps=self._sequence[name].missing if name in self._sequence else 0,
+            name: TopicStats(
+                messages=counts.messages,
+                rate=counts.rate,
+                nominal_rate=counts.nominal_rate * len(counts.sources),
+                gaps=counts.sequence.missing,
                 dropped=found.dropped.get(name, 0),
                 undecodable=found.refused.get(name, 0),
             )
-            for name in sorted({*self._count, *found.dropped, *found.refused})
+            for name, counts in known.items()
         }
-
-    def _rate(self, name: str) -> float:
-        first, last = self._span.get(name, (0, 0))
-        return (self._count[name] - 1) / ((last - first) * 1e-9) if last > first else 0.0

@@ -1,70 +1,24 @@
-"""What became of a run's scored task: trial by trial, from the plant's own judge. Pure."""
+"""Sum up the trials of a run's scored task from the statuses of the judge in the plant. Pure."""
+
+from dataclasses import dataclass, field
 
 from common.schemas import OperatorStatus, PlantRequest, TaskStatus
 from lab.live.new_trials import preceded_first_operator
-from lab.review.run_summary import ContactTally, StageTally, TaskTrial
+from lab.review.run_summary import StageResult, TaskTrial
+from lab.review.timeline import trial_of
 
 
-class TaskReader:
-    """Follows the task's status; a reset or a new life of the plant begins another trial."""
-
-    def __init__(self) -> None:
-        self._trials: list[_Trial] = []
-        self._operator = ""
-
-    def status(self, message: TaskStatus) -> None:
-        """Take in the next status."""
-        if not self._trials or not self._trials[-1].goes_on_with(message):
-            self._trials.append(_Trial())
-        self._trials[-1].take(message, self._operator)
-
-    def operator(self, message: OperatorStatus) -> None:
-        """Take in who is operating."""
-        self._operator = message.script
-
-    def request(self, message: PlantRequest) -> None:
-        """Take in what was asked of the plant: a trial before the operator came is nobody's."""
-        if self._trials:
-            self._trials[-1].asked(message)
-
-    def tally(self) -> list[TaskTrial]:
-        """Trials in the order of time; of those that never began only the last."""
-        real = [trial for trial in self._trials if not trial.idle]
-        return [trial.tally() for trial in real if trial.began or trial is real[-1]]
-
-
+@dataclass
 class _Trial:
-    def __init__(self) -> None:
-        self.idle = False
-        self._last: TaskStatus | None = None
-        self._done: dict[str, float] = {}
-        self._operator = ""
+    last: TaskStatus
+    operator: str = ""
+    done_at: dict[str, float] = field(default_factory=dict)
+    """Trial time at which each stage was done [s]."""
+    attended: bool = True
+    """Whether it did not pass before an operator came."""
 
-    @property
-    def began(self) -> bool:
-        """Whether its clock started."""
-        return self._last is not None and self._last.time > 0.0
-
-    def goes_on_with(self, message: TaskStatus) -> bool:
-        """Whether ``message`` is of the same trial."""
-        last = self._last
-        return last is None or (
-            (last.header.boot, last.reset_count) == (message.header.boot, message.reset_count)
-        )
-
-    def take(self, message: TaskStatus, operator: str) -> None:
-        self._last, self._operator = message, operator or self._operator
-        for stage in message.stages:
-            if stage.done:
-                self._done.setdefault(stage.name, message.time)
-
-    def asked(self, request: PlantRequest) -> None:
-        if self._last is not None and preceded_first_operator(request, self._last):
-            self.idle = True
-
-    def tally(self) -> TaskTrial:
-        last = self._last
-        assert last is not None
+    def result(self) -> TaskTrial:
+        last = self.last
         return TaskTrial(
             task=last.task,
             seed=last.seed,
@@ -72,17 +26,42 @@ class _Trial:
             time=last.time,
             limit=last.limit,
             reason=last.reason,
-            stages=[StageTally(name=s.name, at=self._done.get(s.name)) for s in last.stages],
-            undesired=[
-                ContactTally(name=touch.name, since=touch.since, peak=touch.peak)
-                for touch in last.undesired
-            ],
-            operator=self._operator,
+            stages=[StageResult(name=s.name, at=self.done_at.get(s.name)) for s in last.stages],
+            undesired=last.undesired,
+            operator=self.operator,
         )
 
 
+class TaskReader:
+    """Collects the trials of a scored task; each reset or restart of the plant begins one."""
+
+    def __init__(self) -> None:
+        self._trials: dict[tuple[int, int], _Trial] = {}
+        self._latest: _Trial | None = None
+        self._operator = ""
+
+    def read(self, message: TaskStatus | PlantRequest | OperatorStatus) -> None:
+        """Add the next message."""
+        if isinstance(message, OperatorStatus):
+            self._operator = message.script
+        elif isinstance(message, TaskStatus):
+            self._latest = trial = self._trials.setdefault(trial_of(message), _Trial(message))
+            trial.last = message
+            trial.operator = self._operator or trial.operator
+            for stage in message.stages:
+                if stage.done:
+                    trial.done_at.setdefault(stage.name, message.time)
+        elif self._latest and preceded_first_operator(message, self._latest.last):
+            self._latest.attended = False
+
+    def trials(self) -> list[TaskTrial]:
+        """Return the trials in order of time; of those whose clock never ran only the last."""
+        attended = [trial for trial in self._trials.values() if trial.attended]
+        return [t.result() for t in attended if t.last.time > 0.0 or t is attended[-1]]
+
+
 def trial_lines(trials: list[TaskTrial]) -> list[str]:
-    """The trials for a person, line by line."""
+    """Format the trials for a person, three lines each."""
     lines = []
     for trial in trials:
         by = f" by {trial.operator}" if trial.operator else ""
@@ -95,15 +74,14 @@ def trial_lines(trials: list[TaskTrial]) -> list[str]:
             for stage in trial.stages
         )
         lines.append(f"{'  stages':<14} {stages}")
-        touches = ", ".join(
-            f"{touch.name} at {touch.since:.1f} s (peak {touch.peak:.0f} N)"
-            for touch in trial.undesired
+        contacts = ", ".join(
+            f"{contact.name} at {contact.since:.1f} s (peak {contact.peak:.0f} N)"
+            for contact in trial.undesired
         )
-        lines.append(f"{'  undesired':<14} {touches or 'no contact'}")
+        lines.append(f"{'  undesired':<14} {contacts or 'no contact'}")
     return lines
 
 
 def _outcome(trial: TaskTrial) -> str:
-    if trial.verdict == "running":
-        return f"no verdict after {trial.time:.1f} of {trial.limit:g} s"
-    return f"{trial.verdict.upper()} after {trial.time:.1f} of {trial.limit:g} s"
+    verdict = "no verdict" if trial.verdict == "running" else trial.verdict.upper()
+    return f"{verdict} after {trial.time:.1f} of {trial.limit:g} s"

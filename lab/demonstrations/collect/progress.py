@@ -8,7 +8,7 @@ from rich.console import Console
 from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.collect import CollectionProgress
 from lab.demonstrations.collect.space import size
-from lab.trials.progress import Bar, duration
+from lab.progress import ProgressBar, format_duration
 
 
 class Pace:
@@ -27,7 +27,7 @@ class Pace:
         parts = []
         if made:
             left = max(0, progress.wanted - progress.successes) * elapsed / made
-            parts.append(f"ETA {duration(left)}")
+            parts.append(f"ETA {format_duration(left)}")
         failed = len(progress.lines) - progress.successes
         if failed:
             parts.append(f"{failed} failed")
@@ -57,11 +57,11 @@ def fitting(parts: list[str], width: int) -> str:
     return text
 
 
-class Display(Bar):
+class Display(ProgressBar):
     """Shows the progress while it changes."""
 
     def __init__(self, console: Console) -> None:
-        super().__init__(console, "episodes")
+        super().__init__("episodes", console=console)
         self._pace = Pace()
 
     def update(self, progress: CollectionProgress, line: IndexLine | None) -> None:
@@ -88,7 +88,8 @@ def closing(progress: CollectionProgress, elapsed: float) -> str:
     ]
     if new:
         lines.append(
-            f"{new} trials in {duration(elapsed)}: {progress.simulated:.0f} s of robot time, "
+            f"{new} trials in {format_duration(elapsed)}: "
+            f"{progress.simulated:.0f} s of robot time, "
             f"{progress.simulated / elapsed:.2f} x real time together, "
             f"{progress.simulated / progress.busy:.2f} x a worker "
             f"({100 * progress.rendering / progress.busy:.0f} % of its time for pictures)"

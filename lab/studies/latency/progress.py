@@ -2,21 +2,21 @@
 
 from rich.console import Console
 
+from lab.progress import ProgressBar, format_duration
 from lab.studies.latency.row import TrialRow
 from lab.studies.latency.run import StudyProgress
-from lab.trials.progress import Bar, duration
 
 
-class Display(Bar):
+class Display(ProgressBar):
     """Shows the progress while it changes."""
 
     def __init__(self, console: Console) -> None:
-        super().__init__(console, "trials")
+        super().__init__("trials", console=console)
 
     def update(self, progress: StudyProgress, row: TrialRow | None) -> None:
         """Show the progress; ``row`` is a trial that has just ended."""
         left = progress.left
-        eta = "" if left is None else f"ETA {duration(left)}"
+        eta = "" if left is None else f"ETA {format_duration(left)}"
         done = len(progress.done)
         self.show(done, progress.wanted, eta)
         if row is None:

@@ -4,16 +4,14 @@ import argparse
 import sys
 from pathlib import Path
 
-from rich.console import Console
-
 from common.errors import ConfigError, TrillError
 from common.runtime.live.main import OptionFormatter
 from lab.errors import LabError
+from lab.progress import ProgressBar
 from lab.studies.tasks.table import line, summary
 from lab.trials import options
 from lab.trials.executors import open_executor
 from lab.trials.links import chosen_links
-from lab.trials.progress import Bar
 from lab.trials.results import TrialFile, run_trials
 from lab.trials.spec import TrialResult, TrialSpec
 from services.sim.tasks import all_tasks
@@ -106,17 +104,17 @@ def run(arguments: argparse.Namespace) -> int:
     except LabError as error:
         raise ConfigError(f"--out: {error}") from error
     count = sum(file.result(trial) is not None for trial in trials)
-    with Bar(Console(stderr=True), "trials") as bar:
+    with ProgressBar("trials", len(trials)) as bar:
         if count:
             bar.say(f"{count} of {len(trials)} trials are in {file.path} already")
         if file.other_code:
             bar.say(f"{file.other_code} trials in {file.path} were run by other code: not used")
-        bar.show(count, len(trials), "")
+        bar.show(count)
 
         def on_result(result: TrialResult) -> None:
             nonlocal count
             count += 1
-            bar.show(count, len(trials), "")
+            bar.advance()
             bar.say(f"[{count}/{len(trials)}] {line(result)}")
 
         results = run_trials(

@@ -9,9 +9,9 @@ from common.errors import TrillError
 from common.files import write_whole
 from common.schemas import Message
 from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, Topic
-from lab.review.film import Film, gather
 from lab.review.frames import Image
-from lab.review.task_sheet import TILE, headline, task_sheet
+from lab.review.task_contact_sheet import TILE, task_contact_sheet, task_title
+from lab.review.timeline import Timeline, read_timeline
 from lab.trials.links import links_text
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.stack import TaskStack
@@ -28,7 +28,7 @@ class FilmError(TrillError):
     """A sheet cannot be written."""
 
 
-def record(spec: TrialSpec) -> tuple[TrialResult, Film]:
+def record(spec: TrialSpec) -> tuple[TrialResult, Timeline]:
     """Run a trial and keep what its pictures are made from."""
     stack = TaskStack(spec)
     heard: list[tuple[Topic[Any], Message]] = []
@@ -39,17 +39,19 @@ def record(spec: TrialSpec) -> tuple[TrialResult, Film]:
     for topic in _SHOWN:
         keep(topic)
     try:
-        return stack.run(), gather(heard)
+        return stack.run(), read_timeline(heard)
     finally:
         stack.runner.close()
 
 
-def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = None) -> None:
-    """Write the telling moments of a trial as one picture.
+def write_sheet(
+    result: TrialResult, timeline: Timeline, path: Path, view: int | None = None
+) -> None:
+    """Write the key moments of a trial as one picture.
 
     Args:
         result: of the trial.
-        film: of the trial.
+        timeline: of the trial.
         path: of the picture; a JPEG is kept below :data:`LARGEST`.
         view: number of the scene's camera; None: the one that shows the task best.
 
@@ -57,20 +59,20 @@ def write_sheet(result: TrialResult, film: Film, path: Path, view: int | None = 
         RenderingUnavailableError: there is no off-screen OpenGL.
         FilmError: the file cannot be written.
     """
-    assert film.task is not None
+    assert timeline.task is not None
     links = "" if not result.links else f", link {links_text(result.links)}"
-    title = f"{headline(film, film.task)}, in simulated time{links}"
+    title = f"{task_title(timeline, timeline.task)}, in simulated time{links}"
     if result.verdict != "success":
         title += f": {result.reason}"
-    camera = None if view is None else find_scene(film.scene).views[view]
-    renderer = StereoRenderer(CameraConfig(scene=film.scene, width=TILE[0], height=TILE[1]))
+    camera = None if view is None else find_scene(timeline.scene).views[view]
+    renderer = StereoRenderer(CameraConfig(scene=timeline.scene, width=TILE[0], height=TILE[1]))
 
     def eye(index: int) -> Image:
-        (things,) = film.things([index])
-        return renderer.render(film.truth[index], ["left"], things)[0]
+        (things,) = timeline.scene_states_at([index])
+        return renderer.render(timeline.truth[index], ["left"], things)[0]
 
     try:
-        sheet = task_sheet(film, title, eye, lambda _done, _total: None, camera)
+        sheet = task_contact_sheet(timeline, title, eye, lambda _done, _total: None, camera)
     finally:
         renderer.close()
     check_place(path)

@@ -1,4 +1,4 @@
-"""What a person reads and types: help, make targets, the set-up script's complaints."""
+"""The command line: help, options, error messages, make targets and the set-up script."""
 
 import json
 import os
@@ -8,23 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from common.schemas import Gait
-from common.topics import TELEOP_GAIT
-from common.wire.header import wire_header
-from deploy.launch import Verdict
 from lab.cli.main import COMMANDS, main
-from lab.errors import LabError
 from lab.live import drive
 from lab.review import report
-from lab.review.report import file_lines, known_verdict, report_lines, write_summary
-from lab.review.summary import summarise
-from services.logger.errors import LoggerError
-from services.logger.read.tally import KeyCount, to_metadata
-from services.logger.record.config import LoggerConfig
-from services.logger.record.sink import McapSink
-from tests.disk import fill
-from tests.lab.monitor.test_board import sample
-from tests.lab.review.synthetic import Life
+from tests.lab.review.test_report import recorded
 
 ROOT = Path(__file__).parents[3]
 
@@ -71,46 +58,6 @@ def test_drive_without_a_terminal_says_so(
     assert "drive needs a terminal" in capsys.readouterr().err
 
 
-def recorded(run_dir: Path) -> None:
-    life = Life()
-    sink = McapSink(run_dir / "log.mcap", "draco3", LoggerConfig())
-    for pair in life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)):
-        one = sample(pair, at=life.now / 1000)
-        sink.write(one, wire_header(one.payload))
-    sink.close(to_metadata({f"draco3/{TELEOP_GAIT.name}": KeyCount(recorded=1, dropped=3)}))
-
-
-def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
-    recorded(tmp_path)
-    summary = write_summary(tmp_path, Verdict("completed"), {"mode": "rated"})
-    assert summary.gaits["forward"].completed == 1
-    assert summary.topics[TELEOP_GAIT.name].dropped == 3
-    assert not summary.log_truncated
-    kept = json.loads((tmp_path / "summary.json").read_text())
-    assert kept["environment"]["mode"] == "rated"
-    assert kept["environment"]["python"].startswith("3.")
-    assert kept["gait_runs"][0]["forward"] == pytest.approx(0.2)
-    text = "\n".join(report_lines(summary))
-    assert "1 completed of 1 accepted and 1 requested" in text
-    assert "forward +0.200 m of +0.200" in text
-    assert "3 dropped" in text
-    assert [line.split()[-1] for line in file_lines(tmp_path)] == [
-        str(tmp_path / "log.mcap"),
-        str(tmp_path / "summary.json"),
-    ]
-
-
-def test_summing_up_again_keeps_the_verdict(tmp_path: Path) -> None:
-    recorded(tmp_path)
-    write_summary(tmp_path, Verdict("interrupted", "why"), {"mode": "rated"})
-    verdict, settings = known_verdict(tmp_path)
-    assert verdict == Verdict("interrupted", "why")
-    assert settings["mode"] == "rated"
-    (tmp_path / "summary.json").write_text("{}")
-    verdict, settings = known_verdict(tmp_path)
-    assert (verdict.outcome, settings) == ("unknown", {})
-
-
 def test_a_log_alone_does_not_say_that_the_run_was_completed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,22 +100,6 @@ def test_wrong_options_start_nothing_and_leave_no_run(
     assert main(words) == 2
     assert complaint in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
-
-
-def test_a_cut_off_log_is_summed_up_and_called_so(tmp_path: Path) -> None:
-    recorded(tmp_path)
-    log = tmp_path / "log.mcap"
-    log.write_bytes(log.read_bytes()[:-100])
-    summary = write_summary(tmp_path, Verdict("completed"), {})
-    assert summary.log_truncated
-    assert "truncated" in report_lines(summary)[-1]
-    with pytest.raises(LoggerError, match="cannot open"):
-        write_summary(tmp_path / "none", Verdict("completed"), {})
-
-
-def test_a_report_of_nothing_has_no_gaps_in_it() -> None:
-    text = "\n".join(report_lines(summarise([], outcome="service died", reason="wbc ended")))
-    assert "service died: wbc ended" in text
 
 
 def test_make_help_lists_every_target() -> None:
@@ -241,15 +172,3 @@ def test_what_a_command_lacks_is_named(command: list[str]) -> None:
     assert ended.returncode in {1, 2}
     assert "pip install 'trill[" in ended.stderr
     assert "Traceback" not in ended.stderr
-
-
-def test_a_full_disk_does_not_take_the_verdict(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    recorded(tmp_path)
-    write_summary(tmp_path, Verdict("timed out", "nobody came"), {"mode": "rated"})
-    fill(monkeypatch)
-    with pytest.raises(LabError, match="No space left"):
-        write_summary(tmp_path, Verdict("completed"), {})
-    verdict, settings = known_verdict(tmp_path)
-    assert (verdict, settings["mode"]) == (Verdict("timed out", "nobody came"), "rated")

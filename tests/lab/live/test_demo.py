@@ -1,4 +1,4 @@
-"""Who is to blame when a demonstration ends."""
+"""Verdicts on the run of a script, and how a run starts and ends."""
 
 import os
 import signal
@@ -15,9 +15,9 @@ from deploy.errors import DeployError
 from deploy.launch import Verdict, running_system
 from deploy.process import Exit, ProcessSpec, tail
 from deploy.system import SystemOptions, new_run_dir, robot_processes
-from lab.live.demo import FALL_AFTERMATH, Judge
-from lab.monitor.board import Snapshot
-from tests.lab.review.synthetic import Life
+from lab.live.demo import FALL_AFTERMATH, ScriptJudge
+from lab.monitor.bus_stats import Snapshot
+from tests.lab.review.synthetic import FakeRobot
 
 NOTHING: list[tuple[Exit, bool]] = []
 
@@ -28,17 +28,17 @@ def ended(name: str, code: int = 1, **changes: Any) -> Exit:
 
 
 def view(*, fallen: bool = False, failed: str = "", heard: bool = True) -> Snapshot:
-    life = Life()
+    robot = FakeRobot()
     operator = OperatorStatus(
         script="demo", step=3, steps=9, label="walk", finished=bool(failed), failed=failed
     )
-    _, plant = life.status(fallen=fallen)
-    _, control = life.wbc()
+    _, plant = robot.status(fallen=fallen)
+    _, control = robot.wbc()
     return Snapshot((), (), control if heard else None, plant, operator)  # type: ignore[arg-type]
 
 
-def judge(seconds: float | None = None) -> Judge:
-    return Judge("teleop", seconds, timeout=100.0)
+def judge(seconds: float | None = None) -> ScriptJudge:
+    return ScriptJudge("teleop", seconds, timeout=100.0)
 
 
 def test_the_operators_good_end_completes_the_run() -> None:

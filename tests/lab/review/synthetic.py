@@ -1,4 +1,4 @@
-"""A small robot's life as messages, for tests of summaries and pictures."""
+"""Messages of a fake robot, for tests of summaries, pictures and the live table."""
 
 from collections.abc import Iterator
 from itertools import count
@@ -24,9 +24,11 @@ from common.schemas import (
     PlantStatus,
     ServiceHealth,
     Setpoint,
+    StepJournal,
 )
 from common.topics import (
     HEALTH,
+    JOURNAL,
     PLANT_STATE,
     PLANT_STATUS,
     PLANT_TRUTH,
@@ -37,12 +39,13 @@ from common.topics import (
     Topic,
 )
 from lab.review.scoring import FEET_AHEAD_OF_TORSO
+from services.wbc.config import GaitConfig, WbcConfig
 
 Pair = tuple[Topic[Any], Message]
 MS = 1_000_000
 
 
-class Life:
+class FakeRobot:
     """Makes messages with growing sequence numbers; times in ms of robot and sender's clock."""
 
     def __init__(self) -> None:
@@ -151,6 +154,18 @@ class Life:
             cpu=0.3,
             realtime="normal",
             links=[link],
+        )
+
+    def settings(self, gait: GaitConfig) -> Pair:
+        """The first journal of a controller with these gaits."""
+        return JOURNAL, StepJournal(
+            header=self.header(JOURNAL, "wbc"),
+            service="wbc",
+            first_step=0,
+            streams=[],
+            steps=b"",
+            takes=b"",
+            settings=WbcConfig(gait=gait).model_dump_json(),
         )
 
     def gait(

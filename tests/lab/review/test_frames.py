@@ -9,7 +9,7 @@ import pytest
 
 from common.schemas import CameraFrame
 from lab.errors import LabError
-from lab.review.frames import decoded, write_picture
+from lab.review.frames import decode_frame, write_picture
 from tests.disk import fill
 
 RED = np.full((40, 60, 3), (250, 10, 20), np.uint8)
@@ -46,5 +46,5 @@ def test_where_no_picture_can_be_is_told(name: str, tmp_path: Path) -> None:
 )
 def test_a_damaged_frame_is_black(encoding: Literal["jpeg", "rgb8"], data: bytes) -> None:
     frame = CameraFrame(eye="left", width=4, height=2, encoding=encoding, data=data)
-    assert decoded(frame).shape == (2, 4, 3)
-    assert not decoded(frame).any()
+    assert decode_frame(frame).shape == (2, 4, 3)
+    assert not decode_frame(frame).any()

@@ -1,4 +1,4 @@
-"""Numbers of a summary against a life whose numbers are known."""
+"""Numbers of the summary of a run whose numbers are known."""
 
 from math import pi
 
@@ -6,20 +6,20 @@ import pytest
 
 from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
-from lab.review.film import gather
-from lab.review.run_summary import RunSummary
+from lab.review.run_summary import Quantiles, RunSummary
 from lab.review.scoring import Pose2, commanded_motions
 from lab.review.summary import summarise
-from lab.review.summary_readers import LogFindings, spread
+from lab.review.summary_readers import LogFindings
+from lab.review.timeline import read_timeline
 from services.wbc.config import GaitConfig
-from tests.lab.review.synthetic import MS, Life, Pair
+from tests.lab.review.synthetic import MS, FakeRobot, Pair
 
 ACCEPTED, COMPLETED = GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED
 
 
 def test_gait_motion_is_measured_in_the_heading_at_its_start() -> None:
-    life = Life()
-    summary = summarise(life.gait(7, Gait.FORWARD, (1.0, 2.0, pi / 2), (1.01, 2.19, pi / 2)))
+    robot = FakeRobot()
+    summary = summarise(robot.gait(7, Gait.FORWARD, (1.0, 2.0, pi / 2), (1.01, 2.19, pi / 2)))
     (run,) = summary.gait_runs
     assert (run.request_id, run.gait, run.outcome) == (7, "forward", "completed")
     assert run.forward == pytest.approx(0.19, abs=1e-9)
@@ -30,8 +30,8 @@ def test_gait_motion_is_measured_in_the_heading_at_its_start() -> None:
 
 
 def test_a_turn_on_the_spot_is_no_distance() -> None:
-    life = Life()
-    summary = summarise(life.gait(0, Gait.TURN_LEFT, (0.3, 0.1, 0.0), (0.3, 0.1, 0.3)))
+    robot = FakeRobot()
+    summary = summarise(robot.gait(0, Gait.TURN_LEFT, (0.3, 0.1, 0.0), (0.3, 0.1, 0.3)))
     (run,) = summary.gait_runs
     assert run.turn_deg == pytest.approx(0.3 * 180 / pi)
     assert abs(run.forward) < 1e-12
@@ -39,17 +39,17 @@ def test_a_turn_on_the_spot_is_no_distance() -> None:
 
 
 def test_walk_composes_the_commands_of_completed_gaits() -> None:
-    life = Life()
+    robot = FakeRobot()
     quarter = pi / 2
-    commanded = {Gait.FORWARD: Pose2(x=0.2), Gait.TURN_LEFT: Pose2(yaw=quarter)}
     messages = [
-        *life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)),
-        *life.gait(1, Gait.TURN_LEFT, (0.2, 0, 0), (0.2, 0, quarter)),
-        *life.gait(2, Gait.FORWARD, (0.2, 0, quarter), (0.2, 0.17, quarter)),
-        life.ask(3, Gait.FORWARD),
-        life.answer(3, Gait.FORWARD, GaitOutcome.REFUSED, "not balancing"),
+        robot.settings(GaitConfig(forward_step=0.2, turn_angle=quarter)),
+        *robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)),
+        *robot.gait(1, Gait.TURN_LEFT, (0.2, 0, 0), (0.2, 0, quarter)),
+        *robot.gait(2, Gait.FORWARD, (0.2, 0, quarter), (0.2, 0.17, quarter)),
+        robot.ask(3, Gait.FORWARD),
+        robot.answer(3, Gait.FORWARD, GaitOutcome.REFUSED, "not balancing"),
     ]
-    walk = summarise(messages, commanded=commanded).walk
+    walk = summarise(messages).walk
     assert (walk.commanded_forward, walk.commanded_left) == pytest.approx((0.2, 0.2))
     assert (walk.forward, walk.left) == pytest.approx((0.2, 0.17))
     assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((90.0, 90.0))
@@ -58,39 +58,39 @@ def test_walk_composes_the_commands_of_completed_gaits() -> None:
 
 
 def test_turns_add_up_beyond_half_a_turn() -> None:
-    life, turn = Life(), pi / 2
+    robot, turn = FakeRobot(), pi / 2
     messages = [
         pair
         for number in range(3)
-        for pair in life.gait(
+        for pair in robot.gait(
             number, Gait.TURN_LEFT, (0, 0, number * turn), (0, 0, (number + 1) * turn)
         )
     ]
-    walk = summarise(messages, commanded={Gait.TURN_LEFT: Pose2(yaw=turn)}).walk
+    walk = summarise([*messages, robot.settings(GaitConfig(turn_angle=turn))]).walk
     assert (walk.turn_deg, walk.commanded_turn_deg) == pytest.approx((270.0, 270.0))
     assert walk.end_error == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_gait_that_did_not_end_is_not_part_of_the_walk() -> None:
-    life = Life()
-    unended = list(life.gait(1, Gait.FORWARD, (0.2, 0, 0), (0.3, 0, 0)))[:-1]
-    walk = summarise([*life.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)), *unended]).walk
+    robot = FakeRobot()
+    unended = list(robot.gait(1, Gait.FORWARD, (0.2, 0, 0), (0.3, 0, 0)))[:-1]
+    walk = summarise([*robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)), *unended]).walk
     assert (walk.forward, walk.commanded_forward) == pytest.approx((0.2, 0.2))
 
 
 def test_gaits_are_counted_by_type_and_outcome() -> None:
-    life = Life()
+    robot = FakeRobot()
     messages = [
-        life.ask(0, Gait.FORWARD),
-        life.ask(0, Gait.FORWARD),  # sent again, still one request
-        life.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "walking"),
-        life.answer(0, Gait.FORWARD, GaitOutcome.ACCEPTED),
-        life.answer(0, Gait.FORWARD, GaitOutcome.COMPLETED),
-        life.ask(1, Gait.SIDE_LEFT),
-        life.answer(1, Gait.SIDE_LEFT, GaitOutcome.ACCEPTED),
-        life.answer(1, Gait.SIDE_LEFT, GaitOutcome.ABORTED, "fell"),
-        life.ask(2, Gait.FORWARD),
-        life.ask(0, Gait.FORWARD, boot=2),  # another life of the operator counts from 0 again
+        robot.ask(0, Gait.FORWARD),
+        robot.ask(0, Gait.FORWARD),  # sent again, still one request
+        robot.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "walking"),
+        robot.answer(0, Gait.FORWARD, GaitOutcome.ACCEPTED),
+        robot.answer(0, Gait.FORWARD, GaitOutcome.COMPLETED),
+        robot.ask(1, Gait.SIDE_LEFT),
+        robot.answer(1, Gait.SIDE_LEFT, GaitOutcome.ACCEPTED),
+        robot.answer(1, Gait.SIDE_LEFT, GaitOutcome.ABORTED, "fell"),
+        robot.ask(2, Gait.FORWARD),
+        robot.ask(0, Gait.FORWARD, boot=2),  # a restarted operator counts from 0 again
     ]
     summary = summarise(messages)
     forward, side = summary.gaits["forward"], summary.gaits["side_left"]
@@ -108,32 +108,37 @@ def test_gaits_are_counted_by_type_and_outcome() -> None:
 
 
 def test_an_answer_recorded_before_its_request_is_still_its_answer() -> None:
-    life = Life()
+    robot = FakeRobot()
     messages = [
-        life.answer(4, Gait.TURN_RIGHT, GaitOutcome.ACCEPTED),
-        life.ask(4, Gait.TURN_RIGHT),
-        life.answer(4, Gait.TURN_RIGHT, GaitOutcome.COMPLETED),
+        robot.answer(4, Gait.TURN_RIGHT, GaitOutcome.ACCEPTED),
+        robot.ask(4, Gait.TURN_RIGHT),
+        robot.answer(4, Gait.TURN_RIGHT, GaitOutcome.COMPLETED),
     ]
     (run,) = summarise(messages).gait_runs
     assert run.outcome == "completed"
 
 
 def test_a_fall_overrules_a_completed_run_but_not_another_verdict() -> None:
-    life = Life()
-    messages = [life.status(), life.status(fallen=True), life.status(fallen=True), life.status()]
+    robot = FakeRobot()
+    messages = [
+        robot.status(),
+        robot.status(fallen=True),
+        robot.status(fallen=True),
+        robot.status(),
+    ]
     assert summarise(messages).outcome == "fell"
     assert summarise(messages).plant.falls == 1
     assert summarise(messages, outcome="interrupted").outcome == "interrupted"
-    assert summarise([life.status()]).outcome == "completed"
+    assert summarise([robot.status()]).outcome == "completed"
 
 
 def test_plant_numbers() -> None:
-    life = Life()
+    robot = FakeRobot()
     messages = []
     for index in range(30):
-        life.now += 100
-        messages.append(life.plant(PLANT_STATE, 0.0, 0.0, 0.0))
-        messages.append(life.status(factor=0.8 if index == 20 else 1.0, age=0.001 * (index + 1)))
+        robot.now += 100
+        messages.append(robot.plant(PLANT_STATE, 0.0, 0.0, 0.0))
+        messages.append(robot.status(factor=0.8 if index == 20 else 1.0, age=0.001 * (index + 1)))
     plant = summarise(messages).plant
     assert plant.age_at_torque_median_ms == pytest.approx(15.5)
     assert plant.age_at_torque_p99_ms == pytest.approx(31.0)
@@ -145,24 +150,24 @@ def test_plant_numbers() -> None:
 
 
 def test_real_time_factor_compares_robot_time_with_the_senders_clock() -> None:
-    life = Life()
-    _, first = life.plant(PLANT_STATE, 0.0, 0.0, 0.0)
-    life.now += 5000
-    topic, last = life.plant(PLANT_STATE, 0.0, 0.0, 0.0)
+    robot = FakeRobot()
+    _, first = robot.plant(PLANT_STATE, 0.0, 0.0, 0.0)
+    robot.now += 5000
+    topic, last = robot.plant(PLANT_STATE, 0.0, 0.0, 0.0)
     header = last.header.model_copy(update={"sent": first.header.sent + 10_000 * MS})
     last = last.model_copy(update={"header": header})
-    summary = summarise([(topic, first), (topic, last), life.status()])
+    summary = summarise([(topic, first), (topic, last), robot.status()])
     assert summary.plant.real_time_factor == pytest.approx(0.5)
     assert summary.duration == pytest.approx(5.0)
 
 
 def test_services_keep_totals_and_the_worst_window() -> None:
-    life = Life()
+    robot = FakeRobot()
     messages = [
-        life.health("wbc", misses=1, median=0.001, p99=0.004),
-        life.health("wbc", misses=5, median=0.003, p99=0.009),
-        life.health("wbc", misses=5, median=0.002, p99=0.003),
-        life.health("sim", misses=0, median=0.001, p99=0.001),
+        robot.health("wbc", misses=1, median=0.001, p99=0.004),
+        robot.health("wbc", misses=5, median=0.003, p99=0.009),
+        robot.health("wbc", misses=5, median=0.002, p99=0.003),
+        robot.health("sim", misses=0, median=0.001, p99=0.001),
     ]
     services = summarise(messages).services
     assert list(services) == ["sim", "wbc"]
@@ -174,13 +179,13 @@ def test_services_keep_totals_and_the_worst_window() -> None:
 
 
 def test_topics_count_gaps_per_source_and_life() -> None:
-    life = Life()
+    robot = FakeRobot()
     messages = []
     for index in range(11):
-        messages.append(life.plant(PLANT_STATE, 0.0, 0.0, 0.0, skip=3 if index == 5 else 0))
-        life.now += 10
-    messages += [life.health(name, misses=0, median=0, p99=0) for name in ("a", "b", "a")]
-    restarted = Header(seq=0, boot=2, source="sim", sent=life.now * MS)
+        messages.append(robot.plant(PLANT_STATE, 0.0, 0.0, 0.0, skip=3 if index == 5 else 0))
+        robot.now += 10
+    messages += [robot.health(name, misses=0, median=0, p99=0) for name in ("a", "b", "a")]
+    restarted = Header(seq=0, boot=2, source="sim", sent=robot.now * MS)
     topic, state = messages[0]
     messages.append((topic, state.model_copy(update={"header": restarted})))
     topics = summarise(
@@ -199,9 +204,9 @@ def test_topics_count_gaps_per_source_and_life() -> None:
 
 
 def test_hand_errors_count_only_while_setpoints_are_fresh() -> None:
-    life = Life()
-    messages = [life.wbc(hand=(0.002, 0.004)) for _ in range(10)]
-    messages += [life.wbc(hand=(0.5, 0.5), fresh=False)]
+    robot = FakeRobot()
+    messages = [robot.wbc(hand=(0.002, 0.004)) for _ in range(10)]
+    messages += [robot.wbc(hand=(0.5, 0.5), fresh=False)]
     tracking = summarise(messages).tracking
     assert tracking.hand_position_mm.samples == 20
     assert tracking.hand_position_mm.maximum == pytest.approx(4.0)
@@ -217,9 +222,9 @@ def test_an_empty_log_is_a_summary_too() -> None:
     assert again == summary
 
 
-def test_spread() -> None:
-    assert spread([]).samples == 0
-    measured = spread(float(value) for value in range(101))
+def test_quantiles() -> None:
+    assert Quantiles.of([]).samples == 0
+    measured = Quantiles.of(float(value) for value in range(101))
     assert (measured.samples, measured.median) == (101, 50.0)
     assert (measured.p99, measured.maximum) == (99.0, 100.0)
 
@@ -230,34 +235,63 @@ def test_commanded_motions_follow_the_configuration() -> None:
     assert motions[Gait.BACKWARD].x == -GaitConfig().backward_step
 
 
-def resent(life: Life) -> list[Pair]:
+def test_a_run_is_scored_by_the_settings_that_its_controller_recorded() -> None:
+    robot = FakeRobot()
+    settings = robot.settings(GaitConfig(forward_step=0.15))
+    gait = list(robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.14, 0, 0)))
+    summary = summarise([settings, *gait])
+    assert summary.gait_runs[0].commanded_forward == 0.15
+    assert summary.walk.end_error == pytest.approx(0.01)
+    assert read_timeline([settings, *gait]).commanded[Gait.FORWARD] == Pose2(x=0.15)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"service": "sim"},
+        {"settings": ""},
+        {"settings": "not JSON"},
+        {"settings": '{"gaits": {}}'},
+        {"settings": '{"gait": {"forward_stride": 0.3}}'},
+    ],
+    ids=str,
+)
+def test_without_usable_settings_a_run_is_scored_by_the_default(change: dict[str, str]) -> None:
+    robot = FakeRobot()
+    topic, journal = robot.settings(GaitConfig(forward_step=0.15))
+    gait = robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0))
+    summary = summarise([(topic, journal.model_copy(update=change)), *gait])
+    assert summary.gait_runs[0].commanded_forward == GaitConfig().forward_step == 0.2
+
+
+def resent(robot: FakeRobot) -> list[Pair]:
     """A gait whose request is sent again, and answered again, when it is under way and over."""
-    one, other = life.ask(0, Gait.FORWARD), life.ask(0, Gait.FORWARD)
-    start = [life.plant(PLANT_TRUTH, 0, 0, 0), one, life.answer(0, Gait.FORWARD, ACCEPTED)]
-    life.now += 2000
-    midway = [life.plant(PLANT_TRUTH, 0.12, 0, 0), other, life.answer(0, Gait.FORWARD, ACCEPTED)]
-    life.now += 1000
-    end = [life.plant(PLANT_TRUTH, 0.2, 0, 0), life.answer(0, Gait.FORWARD, COMPLETED)]
-    life.now += 500
-    sway = [life.plant(PLANT_TRUTH, 0.21, 0, 0), life.answer(0, Gait.FORWARD, COMPLETED)]
+    one, other = robot.ask(0, Gait.FORWARD), robot.ask(0, Gait.FORWARD)
+    start = [robot.plant(PLANT_TRUTH, 0, 0, 0), one, robot.answer(0, Gait.FORWARD, ACCEPTED)]
+    robot.now += 2000
+    midway = [robot.plant(PLANT_TRUTH, 0.12, 0, 0), other, robot.answer(0, Gait.FORWARD, ACCEPTED)]
+    robot.now += 1000
+    end = [robot.plant(PLANT_TRUTH, 0.2, 0, 0), robot.answer(0, Gait.FORWARD, COMPLETED)]
+    robot.now += 500
+    sway = [robot.plant(PLANT_TRUTH, 0.21, 0, 0), robot.answer(0, Gait.FORWARD, COMPLETED)]
     return [*start, *midway, *end, *sway]
 
 
 def test_a_request_that_is_sent_again_is_one_whole_gait() -> None:
-    (run,) = summarise(resent(Life())).gait_runs
+    (run,) = summarise(resent(FakeRobot())).gait_runs
     assert run.forward == pytest.approx(0.2, abs=1e-9)
     assert run.duration == pytest.approx(3.0)
-    (stride,) = gather(resent(Life())).strides
+    (stride,) = read_timeline(resent(FakeRobot())).gaits
     assert (stride.start, stride.end) == (0, 2)
 
 
 def test_a_refusal_that_is_said_again_is_one() -> None:
-    life = Life()
-    refused = [life.ask(0, Gait.FORWARD), life.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "no")]
+    robot = FakeRobot()
+    refused = [robot.ask(0, Gait.FORWARD), robot.answer(0, Gait.FORWARD, GaitOutcome.REFUSED, "no")]
     (run,) = summarise([*refused, *refused]).gait_runs
     assert (run.outcome, run.refusals) == ("refused", 1)
     # A second copy may be refused when the first is under way.
-    accepted = [life.ask(1, Gait.FORWARD), life.answer(1, Gait.FORWARD, ACCEPTED)]
-    again = [life.ask(1, Gait.FORWARD), life.answer(1, Gait.FORWARD, GaitOutcome.REFUSED, "busy")]
+    accepted = [robot.ask(1, Gait.FORWARD), robot.answer(1, Gait.FORWARD, ACCEPTED)]
+    again = [robot.ask(1, Gait.FORWARD), robot.answer(1, Gait.FORWARD, GaitOutcome.REFUSED, "busy")]
     (run,) = summarise([*accepted, *again]).gait_runs
     assert (run.outcome, run.refusals) == ("accepted", 0)

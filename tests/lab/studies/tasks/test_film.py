@@ -5,22 +5,22 @@ from pathlib import Path
 import cv2
 import pytest
 
-from lab.review.film import gather
+from lab.review.timeline import read_timeline
 from lab.studies.tasks.command import main
 from lab.studies.tasks.film import LARGEST, FilmError, write_sheet
 from lab.trials.spec import TrialResult
 from services.sim.errors import RenderingUnavailableError
-from tests.lab.review.synthetic import Life
-from tests.lab.review.task_life import unlocked
+from tests.lab.review.synthetic import FakeRobot
+from tests.lab.review.synthetic_task import unlocked
 
 RESULT = TrialResult(task="door/unlock", seed=7, verdict="success", time=6.0, reason="it was")
 
 
 def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:
-    film = gather(unlocked(Life()))
+    timeline = read_timeline(unlocked(FakeRobot()))
     path = tmp_path / "new" / "sheet.jpg"
     try:
-        write_sheet(RESULT, film, path)
+        write_sheet(RESULT, timeline, path)
     except RenderingUnavailableError as error:
         pytest.skip(str(error))
     assert 20_000 < path.stat().st_size <= LARGEST
@@ -33,7 +33,7 @@ def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:
     assert eye.std() > 10.0
     assert eye.mean() < 240.0
     with pytest.raises(FilmError, match="expected a name like sheet"):
-        write_sheet(RESULT, film, tmp_path / "sheet.hue")
+        write_sheet(RESULT, timeline, tmp_path / "sheet.hue")
 
 
 def test_a_file_cannot_hold_all_tasks(capsys: pytest.CaptureFixture[str]) -> None:

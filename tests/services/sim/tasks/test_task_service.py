@@ -239,7 +239,7 @@ def test_objects_of_another_scene_are_refused() -> None:
 
 def test_the_command_line_knows_the_tasks(capsys: pytest.CaptureFixture[str]) -> None:
     from lab.cli.main import main
-    from lab.monitor.tasks_text import describe, physics_table
+    from lab.monitor.tasks_text import describe_task, physics_table
 
     assert main(["tasks"]) == 0
     assert "hardware/cap" in capsys.readouterr().out
@@ -247,4 +247,4 @@ def test_the_command_line_knows_the_tasks(capsys: pytest.CaptureFixture[str]) ->
     assert "wrist on jamb" in capsys.readouterr().out.replace("\n", " ")
     assert main(["tasks", "moon"]) == 2
     assert "| leaf, mass | 10 kg |" in physics_table()
-    assert all(task.rule in describe(task) for task in registry.all_tasks().values())
+    assert all(task.rule in describe_task(task) for task in registry.all_tasks().values())

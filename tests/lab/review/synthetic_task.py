@@ -1,4 +1,4 @@
-"""Messages of a run with a scored task, for tests."""
+"""Messages of a fake robot that does a scored task, for tests."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ from common.schemas import (
     UndesiredContact,
 )
 from common.topics import PLANT_REQUEST, PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS
-from tests.lab.review.synthetic import Life, Pair
+from tests.lab.review.synthetic import FakeRobot, Pair
 
 STAGES = ("lever pressed", "door ajar", "door unlocked")
 START_MS = 1500
@@ -22,7 +22,7 @@ START_MS = 1500
 
 
 def status(
-    life: Life,
+    robot: FakeRobot,
     done: int = 0,
     verdict: TaskVerdict = TaskVerdict.RUNNING,
     *,
@@ -30,10 +30,10 @@ def status(
     resets: int = 0,
     time: float | None = None,
 ) -> Pair:
-    """What the judge says now; without ``time`` as the clock says."""
-    elapsed = max(0, life.now - START_MS) / 1000 if time is None else time
+    """A status of the judge; without ``time`` at the time of the robot's clock."""
+    elapsed = max(0, robot.now - START_MS) / 1000 if time is None else time
     return TASK_STATUS, TaskStatus(
-        header=life.header(TASK_STATUS, "sim"),
+        header=robot.header(TASK_STATUS, "sim"),
         task="door/unlock",
         seed=7,
         time=elapsed,
@@ -48,9 +48,9 @@ def status(
     )
 
 
-def operator(life: Life, label: str = "to the lever", failed: str = "") -> Pair:
+def operator(robot: FakeRobot, label: str = "to the lever", failed: str = "") -> Pair:
     return TELEOP_STATUS, OperatorStatus(
-        header=life.header(TELEOP_STATUS, "teleop"),
+        header=robot.header(TELEOP_STATUS, "teleop"),
         script="synthetic door/unlock",
         step=int(bool(failed)),
         steps=1,
@@ -60,43 +60,43 @@ def operator(life: Life, label: str = "to the lever", failed: str = "") -> Pair:
     )
 
 
-def scene(life: Life, hinge: float) -> Pair:
-    """The door's hinge [rad]; the lever stays."""
-    header = life.header(TASK_SCENE, "sim")
+def scene(robot: FakeRobot, hinge: float) -> Pair:
+    """The scene with the door's hinge at an angle [rad] and the lever at rest."""
+    header = robot.header(TASK_SCENE, "sim")
     return TASK_SCENE, SceneState(header=header, scene="door", qpos=[hinge, 0.0, 0.0])
 
 
-def stand(life: Life, steps: int, hinge: float = 0.0) -> list[Pair]:
+def stand(robot: FakeRobot, steps: int, hinge: float = 0.0) -> list[Pair]:
     """Scene and robot 100 ms apart."""
     pairs = []
     for _ in range(steps):
-        life.now += 100
-        pairs += [scene(life, hinge), life.plant(PLANT_TRUTH, 0.0, 0.0, 0.0)]
+        robot.now += 100
+        pairs += [scene(robot, hinge), robot.plant(PLANT_TRUTH, 0.0, 0.0, 0.0)]
     return pairs
 
 
-def unlocked(life: Life, verdict: TaskVerdict = TaskVerdict.SUCCESS) -> list[Pair]:
+def unlocked(robot: FakeRobot, verdict: TaskVerdict = TaskVerdict.SUCCESS) -> list[Pair]:
     """A whole trial: half a second until the clock starts, then 6 s."""
     touched = () if verdict is TaskVerdict.SUCCESS else ("left wrist on jamb",)
     return [
-        *[*stand(life, 5), status(life), operator(life)],
-        *[*stand(life, 1), status(life)],
-        *[*stand(life, 29, 0.0), status(life, 1)],
-        *[*stand(life, 20, 0.1), status(life, 2, touched=touched)],
-        *[*stand(life, 10, 0.2), status(life, 3, verdict, touched=touched)],
-        *[*stand(life, 5, 0.2), status(life, 3, verdict, touched=touched, time=6.0)],
+        *[*stand(robot, 5), status(robot), operator(robot)],
+        *[*stand(robot, 1), status(robot)],
+        *[*stand(robot, 29, 0.0), status(robot, 1)],
+        *[*stand(robot, 20, 0.1), status(robot, 2, touched=touched)],
+        *[*stand(robot, 10, 0.2), status(robot, 3, verdict, touched=touched)],
+        *[*stand(robot, 5, 0.2), status(robot, 3, verdict, touched=touched, time=6.0)],
     ]
 
 
-def health(life: Life, service: str, boot: int) -> ServiceHealth:
-    """A sign of life of a service's life number ``boot``."""
-    message = life.health(service, misses=0, median=0.001, p99=0.002)[1]
+def health(robot: FakeRobot, service: str, boot: int) -> ServiceHealth:
+    """A health message of a service with this boot id."""
+    message = robot.health(service, misses=0, median=0.001, p99=0.002)[1]
     assert isinstance(message, ServiceHealth)
     header = message.header.model_copy(update={"boot": boot})
     return message.model_copy(update={"header": header})
 
 
-def reset_by(life: Life, source: str, seed: int = -1) -> Pair:
-    """Somebody asks for a reset."""
-    header = life.header(PLANT_REQUEST, source)
+def reset_by(robot: FakeRobot, source: str, seed: int = -1) -> Pair:
+    """A request to reset the plant."""
+    header = robot.header(PLANT_REQUEST, source)
     return PLANT_REQUEST, PlantRequest(header=header, action=PlantAction.RESET, seed=seed)

@@ -1,4 +1,4 @@
-"""What the live table says about a bus with known traffic."""
+"""Statistics and live table of a bus with known traffic."""
 
 import io
 from typing import Any
@@ -11,10 +11,11 @@ from common.topics import HEALTH, HEARTBEAT, PLANT_STATE, PLANT_STATUS, TELEOP_S
 from common.transport.keys import key_of
 from common.transport.tap import RawSample
 from common.wire.codec import encode, schema_tag
-from lab.monitor.board import DEAD_AFTER, WINDOW, BusStats, Snapshot
-from lab.monitor.table import Show, draw, line, share
+from lab.monitor.bus_stats import HEALTH_TIMEOUT, WINDOW, BusStats, Snapshot
+from lab.monitor.status_text import format_line
+from lab.monitor.table import Content, render_table, share_lines
 from tests.common.transport.support import health as example_health
-from tests.lab.review.synthetic import Life, Pair
+from tests.lab.review.synthetic import FakeRobot, Pair
 
 SECOND = 1_000_000_000
 
@@ -27,109 +28,109 @@ def sample(pair: Pair, at: float, robot: str = "draco3") -> RawSample:
 
 
 def test_rate_age_and_gaps() -> None:
-    life, board = Life(), BusStats("draco3")
+    robot, stats = FakeRobot(), BusStats("draco3")
     for number in range(100):
         skip = 4 if number == 50 else 0
-        pair = life.plant(PLANT_STATE, 0, 0, 0, skip=skip)
-        board.note([sample(pair, at=number * 0.05)])
-    (row,) = board.view(5 * SECOND).topics
+        pair = robot.plant(PLANT_STATE, 0, 0, 0, skip=skip)
+        stats.add([sample(pair, at=number * 0.05)])
+    (row,) = stats.snapshot(5 * SECOND).topics
     assert row.name == "plant/state"
     assert row.rate == pytest.approx(20.0, rel=0.05)
     assert row.age == pytest.approx(0.05)
     assert (row.messages, row.gaps, row.stale) == (100, 4, False)
-    (row,) = board.view(9 * SECOND).topics
+    (row,) = stats.snapshot(9 * SECOND).topics
     assert row.rate == 0.0
     assert row.stale
 
 
 def test_overtaken_repeated_and_missing_are_told_apart() -> None:
-    life, board = Life(), BusStats("draco3")
-    stream = [sample(life.plant(PLANT_STATE, 0, 0, 0), at=0.01 * n) for n in range(10)]
+    robot, stats = FakeRobot(), BusStats("draco3")
+    stream = [sample(robot.plant(PLANT_STATE, 0, 0, 0), at=0.01 * n) for n in range(10)]
     order = [0, 1, 1, 4, 3, 3, 7, 8, 1]
-    board.note([stream[n]._replace(arrival_ns=at) for at, n in enumerate(order)])
-    (row,) = board.view(SECOND).topics
+    stats.add([stream[n]._replace(arrival_ns=at) for at, n in enumerate(order)])
+    (row,) = stats.snapshot(SECOND).topics
     # 2, 5 and 6 never came; 3 came after 4; 1 came two times too often, 3 one time.
     assert (row.gaps, row.late, row.repeated) == (3, 1, 3)
-    assert row.troubled
+    assert row.has_problems
 
 
 def test_a_heartbeat_tells_life_sooner_than_health() -> None:
-    life, board = Life(), BusStats("draco3")
-    board.note([sample(life.health("wbc", misses=0, median=0.0, p99=0.0), at=10.0)])
-    (service,) = board.view(12 * SECOND).services
-    assert (service.alive, service.beat) == (True, None)
-    board.note([sample(beat(life, "wbc", promise=0.1), at=10.1)])
-    (service,) = board.view(round(10.3 * SECOND)).services
+    robot, stats = FakeRobot(), BusStats("draco3")
+    stats.add([sample(robot.health("wbc", misses=0, median=0.0, p99=0.0), at=10.0)])
+    (service,) = stats.snapshot(12 * SECOND).services
+    assert (service.alive, service.heartbeat_age) == (True, None)
+    stats.add([sample(beat(robot, "wbc", promise=0.1), at=10.1)])
+    (service,) = stats.snapshot(round(10.3 * SECOND)).services
     assert service.alive
-    assert service.silent == pytest.approx(0.2)
-    (service,) = board.view(round(10.5 * SECOND)).services
+    assert service.silence == pytest.approx(0.2)
+    (service,) = stats.snapshot(round(10.5 * SECOND)).services
     assert not service.alive
-    # Another one's does not count for it; a longer promise does.
-    board.note([sample(beat(life, "sim", promise=0.1), at=10.45)])
-    assert not board.view(round(10.5 * SECOND)).services[0].alive
-    board.note([sample(beat(life, "wbc", promise=1.0), at=10.45)])
-    assert board.view(round(12.5 * SECOND)).services[0].alive
+    # Another service's heartbeat does not count; a longer timeout does.
+    stats.add([sample(beat(robot, "sim", promise=0.1), at=10.45)])
+    assert not stats.snapshot(round(10.5 * SECOND)).services[0].alive
+    stats.add([sample(beat(robot, "wbc", promise=1.0), at=10.45)])
+    assert stats.snapshot(round(12.5 * SECOND)).services[0].alive
 
 
 def test_a_dead_services_inputs_and_peers_are_not_shown() -> None:
-    board = watched()
-    assert board.view(SECOND).ledger
-    assert board.view(SECOND).links
-    assert board.view(SECOND).peers
-    late = board.view(round((1 + DEAD_AFTER) * SECOND) + 1)
+    stats = watched()
+    assert stats.snapshot(SECOND).ledger
+    assert stats.snapshot(SECOND).links
+    assert stats.snapshot(SECOND).peers
+    late = stats.snapshot(round((1 + HEALTH_TIMEOUT) * SECOND) + 1)
     assert (late.ledger, late.links, late.peers) == ((), (), ())
 
 
 def test_services_and_what_their_readers_refuse() -> None:
-    life, board = Life(), BusStats("draco3")
+    robot, stats = FakeRobot(), BusStats("draco3")
     for name in ("wbc", "sim"):
-        pair = life.health(name, misses=3, median=0.002, p99=0.004)
-        board.note([sample(pair, at=1.0 if name == "sim" else 9.0)])
-    board.note([sample(life.plant(PLANT_STATE, 0, 0, 0), at=9.0)])
-    seen = board.view(10 * SECOND)
+        pair = robot.health(name, misses=3, median=0.002, p99=0.004)
+        stats.add([sample(pair, at=1.0 if name == "sim" else 9.0)])
+    stats.add([sample(robot.plant(PLANT_STATE, 0, 0, 0), at=9.0)])
+    seen = stats.snapshot(10 * SECOND)
     assert [(s.health.service, s.alive) for s in seen.services] == [("sim", False), ("wbc", True)]
     rows = {row.name: row for row in seen.topics}
     assert rows["plant/state"].refused == 2  # one by each of the two services
     assert rows[HEALTH.name].messages == 2
     assert rows[HEALTH.name].nominal == 2 * HEALTH.rate
-    assert DEAD_AFTER > WINDOW
+    assert HEALTH_TIMEOUT > WINDOW
 
 
 def test_other_keys_and_undecodable_messages_do_no_harm() -> None:
-    life, board = Life(), BusStats("draco3")
-    good = sample(life.status(), at=1.0)
-    board.note([RawSample("draco3/nonsense", b"x", "", 1), good._replace(key="other/plant/status")])
-    assert board.view(SECOND).topics == ()
-    board.note([good._replace(payload=b"\xc1garbage")])
-    seen = board.view(SECOND)
+    robot, stats = FakeRobot(), BusStats("draco3")
+    good = sample(robot.status(), at=1.0)
+    stats.add([RawSample("draco3/nonsense", b"x", "", 1), good._replace(key="other/plant/status")])
+    assert stats.snapshot(SECOND).topics == ()
+    stats.add([good._replace(payload=b"\xc1garbage")])
+    seen = stats.snapshot(SECOND)
     assert seen.plant is None
     assert seen.topics[0].messages == 1
-    board.note([good])
-    assert board.latest(PLANT_STATUS) is not None
+    stats.add([good])
+    assert stats.latest(PLANT_STATUS) is not None
 
 
 def everything() -> BusStats:
-    life, board = Life(), BusStats("draco3")
+    robot, stats = FakeRobot(), BusStats("draco3")
     operator = OperatorStatus(script="demo", step=4, steps=8, label="a mark", finished=False)
     pairs = [
-        life.plant(PLANT_STATE, 0, 0, 0),
-        life.status(),
-        life.wbc(),
-        life.health("wbc", misses=7, median=0.002, p99=0.004),
+        robot.plant(PLANT_STATE, 0, 0, 0),
+        robot.status(),
+        robot.wbc(),
+        robot.health("wbc", misses=7, median=0.002, p99=0.004),
         (TELEOP_STATUS, operator),
     ]
-    board.note([sample(pair, at=1.0) for pair in pairs])
-    return board
+    stats.add([sample(pair, at=1.0) for pair in pairs])
+    return stats
 
 
-def beat(life: Life, source: str, promise: float) -> Pair:
-    header = life.header(HEARTBEAT, source)
+def beat(robot: FakeRobot, source: str, promise: float) -> Pair:
+    header = robot.header(HEARTBEAT, source)
     return HEARTBEAT, Heartbeat(header=header, steps=1, promise=promise)
 
 
 def watched() -> BusStats:
     """Everything, and a controller whose inputs are delayed and whose peers are not well."""
-    board = everything()
+    stats = everything()
     stages = [
         StageTime(stage="wire", median=0.0012, p99=0.0034),
         StageTime(stage="total", median=0.113, p99=0.134),
@@ -152,8 +153,8 @@ def watched() -> BusStats:
     header = Header(source="wbc", boot=9)
     update = {"links": links, "peers": peers, "header": header}
     health = example_health("wbc").model_copy(update=update)
-    board.note([sample((HEALTH, health), at=1.0)])
-    return board
+    stats.add([sample((HEALTH, health), at=1.0)])
+    return stats
 
 
 INJECTED: dict[str, Any] = {
@@ -168,12 +169,12 @@ INJECTED: dict[str, Any] = {
 
 def lines_of(view: Snapshot, **options: Any) -> list[str]:
     out = io.StringIO()
-    Console(file=out, width=100).print(draw(view, "the title", **options))
+    Console(file=out, width=100).print(render_table(view, "the title", **options))
     return [text.rstrip() for text in out.getvalue().splitlines()]
 
 
 def test_ledger_links_and_peers_are_shown() -> None:
-    lines = lines_of(watched().view(SECOND))
+    lines = lines_of(watched().snapshot(SECOND))
     (setpoint,) = (text for text in lines if text.startswith("teleop/setpoint > wbc  "))
     assert setpoint.split()[3:] == ["-", "-", "1.2/3.4", "-", "-", "-", "-", "113/134"]
     (link,) = (text for text in lines if "normal(250ms, 20ms)" in text)
@@ -182,7 +183,7 @@ def test_ledger_links_and_peers_are_shown() -> None:
     for words in ("silent 2.5 s", "-200.000 ± 0.400 ms", "unknown"):
         assert words in text
     assert "beatless" not in text
-    # Of those the table's own line, and no more, tells of "sim": it is well.
+    # Only peers with problems are shown, and "sim" has none.
     assert sum(line.startswith("sim ") for line in lines) == 0
     assert max(len(line) for line in lines) <= 100
     row = next(
@@ -193,7 +194,7 @@ def test_ledger_links_and_peers_are_shown() -> None:
 
 @pytest.mark.parametrize("height", [24, 30, 39, 80])
 def test_it_fits_its_terminal_and_says_what_is_left_out(height: int) -> None:
-    lines = lines_of(watched().view(SECOND), height=height)
+    lines = lines_of(watched().snapshot(SECOND), height=height)
     assert len(lines) <= height
     text = "\n".join(lines)
     if height < 50:
@@ -204,11 +205,11 @@ def test_it_fits_its_terminal_and_says_what_is_left_out(height: int) -> None:
 
 
 def test_parts_can_be_asked_for() -> None:
-    view = watched().view(SECOND)
-    ledger = lines_of(view, show=Show.LEDGER)
+    view = watched().snapshot(SECOND)
+    ledger = lines_of(view, content=Content.LEDGER)
     assert sum("> wbc" in text for text in ledger) == 23
     assert not any(text.startswith("health") for text in ledger)
-    topics = lines_of(view, show=Show.TOPICS, height=40)
+    topics = lines_of(view, content=Content.TOPICS, height=40)
     assert any(text.startswith("health") for text in topics)
     assert not any("> wbc" in text for text in topics)
 
@@ -227,19 +228,19 @@ def test_parts_can_be_asked_for() -> None:
 def test_two_tables_share_the_room(
     lines: int, topics: int, ledger: int, shares: tuple[int, int]
 ) -> None:
-    assert share(lines, topics, ledger) == shares
+    assert share_lines(lines, topics, ledger) == shares
 
 
 def test_the_line_tells_of_the_dead_and_of_latency() -> None:
-    text = line(watched().view(SECOND))
+    text = format_line(watched().snapshot(SECOND))
     assert "set-point to wbc 113/134 ms" in text
     assert "too old 3" in text
-    assert "silent: wbc" in line(watched().view(9 * SECOND))
+    assert "silent: wbc" in format_line(watched().snapshot(9 * SECOND))
 
 
 def test_the_table_shows_what_matters() -> None:
     out = io.StringIO()
-    Console(file=out, width=100).print(draw(everything().view(SECOND), "the title"))
+    Console(file=out, width=100).print(render_table(everything().snapshot(SECOND), "the title"))
     text = out.getvalue()
     for words in (
         "the title",
@@ -256,15 +257,15 @@ def test_the_table_shows_what_matters() -> None:
 
 
 def test_the_line_shows_what_matters() -> None:
-    text = line(everything().view(10 * SECOND))
+    text = format_line(everything().snapshot(10 * SECOND))
     assert "step 4/8 'a mark'" in text
     assert "stale: plant/state" in text
     assert "deadline misses 7" in text
 
 
 def test_an_empty_bus_is_shown_too() -> None:
-    view = BusStats("draco3").view(0)
+    view = BusStats("draco3").snapshot(0)
     out = io.StringIO()
-    Console(file=out, width=80).print(draw(view, "t"))
+    Console(file=out, width=80).print(render_table(view, "t"))
     assert "nothing heard yet" in out.getvalue()
-    assert "nothing heard yet" in line(view)
+    assert "nothing heard yet" in format_line(view)

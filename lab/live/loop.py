@@ -1,0 +1,61 @@
+"""Show a running system in the live table until it is judged to be over."""
+
+import time
+from collections.abc import Callable, Sequence
+
+from deploy.launch import Running, Verdict
+from deploy.process import Exit
+from lab.monitor.bus_stats import Snapshot
+from lab.monitor.monitor import POLL_PERIOD, BusMonitor, Screen
+
+Exits = Sequence[tuple[Exit, bool]]
+"""Processes that ended since the last poll, each with whether it was essential."""
+Judge = Callable[[float, Snapshot, Exits], Verdict | None]
+"""Returns the verdict, or None to go on: from time since the start [s], bus and exits."""
+
+
+def show_until_verdict(
+    running: Running,
+    monitor: BusMonitor,
+    command: str,
+    judge: Judge,
+    *,
+    on_snapshot: Callable[[Snapshot], str] = lambda _view: "",
+    live: bool | None = None,
+) -> Verdict:
+    """Poll bus and processes and show them until ``judge`` has a verdict.
+
+    Args:
+        running: the system.
+        monitor: of its bus.
+        command: name for the title, for instance ``trill demo``.
+        judge: decides when it is over.
+        on_snapshot: called with every snapshot; a text that it returns is printed.
+        live: force (or forbid) the live table; None decides by the terminal.
+    """
+    supervisor, started = running.supervisor, time.monotonic()
+    with Screen(f"{command}  {running.title}", live=live) as screen:
+        screen.say(f"{running.title}: running {', '.join(supervisor.running())}")
+        while True:
+            view = monitor.poll()
+            screen.show(view)
+            if text := on_snapshot(view):
+                screen.say(text)
+            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
+            for ended, _ in exits:
+                if not ended.expected:
+                    screen.say(ended.describe())
+            verdict = judge(time.monotonic() - started, view, exits)
+            if verdict is not None:
+                return verdict
+            time.sleep(POLL_PERIOD)
+
+
+def essential_exit(exits: Exits) -> Verdict | None:
+    """Return the verdict on the first essential process that ended for good; None without one."""
+    for ended, essential in exits:
+        if essential and not ended.restarted:
+            if ended.expected:
+                return Verdict("completed")
+            return Verdict("service died", ended.describe())
+    return None

@@ -1,0 +1,116 @@
+"""Format the status of controller, plant and scored task as text."""
+
+from rich.text import Text
+
+from common.schemas import ControllerState, PlantStatus, TaskStatus, TaskVerdict
+from common.topics import TELEOP_SETPOINT
+from lab.monitor.bus_stats import Snapshot
+from lab.monitor.ledger_text import short_ms
+
+SILENCE = "nothing heard yet (services take some seconds to start; is this the right base port?)"
+
+_STYLES = {
+    TaskVerdict.RUNNING: "",
+    TaskVerdict.SUCCESS: "bold green",
+    TaskVerdict.PARTIAL: "yellow",
+    TaskVerdict.FAILURE: "bold red",
+}
+
+
+def format_line(view: Snapshot) -> str:
+    """Format the most important figures in one line, for output that is not a terminal."""
+    if not view.topics:
+        return SILENCE
+    parts = []
+    if view.operator is not None:
+        parts.append(f"step {view.operator.step}/{view.operator.steps} {view.operator.label!r}")
+    if view.task is not None:
+        parts.append(format_task(view.task))
+    if view.control is not None:
+        parts.append(format_controller(view.control))
+    if view.plant is not None:
+        parts.append(format_plant(view.plant))
+    dead = [row.health.service for row in view.services if not row.alive]
+    if dead:
+        parts.append(f"silent: {', '.join(dead)}")
+    stale = [row.name for row in view.topics if row.stale]
+    if stale:
+        parts.append(f"stale: {', '.join(stale)}")
+    for row in view.ledger:
+        total = next((s for s in row.health.stages if s.stage == "total"), None)
+        if row.health.topic == TELEOP_SETPOINT.name and total is not None:
+            parts.append(
+                f"set-point to {row.consumer} {short_ms(total.median)}/{short_ms(total.p99)} ms"
+            )
+    rows = view.topics
+    misses = sum(row.health.deadline_misses for row in view.services)
+    parts.append(
+        f"gaps {sum(row.gaps for row in rows)}, late {sum(row.late for row in rows)}, "
+        f"repeated {sum(row.repeated for row in rows)}, "
+        f"too old {sum(row.too_old for row in rows)}, deadline misses {misses}"
+    )
+    return " | ".join(parts)
+
+
+def format_controller(control: ControllerState) -> str:
+    """Format state, gait and errors of the controller."""
+    gait = ""
+    if control.gait:
+        gait = f", {control.gait.name.lower()} {100 * control.gait_progress:.0f} %"
+    return (
+        f"{control.state.name}{gait}, {control.gaits_completed} gaits done, "
+        f"hand error {1e3 * max(control.hand_position_error):.0f} mm, "
+        f"DCM error {1e3 * control.dcm_error:.0f} mm"
+    )
+
+
+def format_plant(plant: PlantStatus) -> str:
+    """Format guard, pace and state age of the plant."""
+    state = "FALLEN, " if plant.fallen else "paused, " if plant.paused else ""
+    return (
+        f"{state}guard {plant.guard.name}, real-time factor {plant.real_time_factor:.2f}, "
+        f"state age at torque {1e3 * plant.age_at_torque_median:.1f} ms "
+        f"(p99 {1e3 * plant.age_at_torque_p99:.1f})"
+    )
+
+
+def format_task(task: TaskStatus) -> str:
+    """Format task, time, verdict, stages and undesired contacts in one line."""
+    return f"{_trial(task)} {_verdict(task)}, {_stages(task)}, {_undesired(task)}"
+
+
+def task_line(task: TaskStatus) -> Text:
+    """Format the same as a coloured line of the table."""
+    return Text.assemble(
+        ("task        ", "dim"),
+        f"{_trial(task)}  ",
+        (_verdict(task), _STYLES[task.verdict]),
+        f"  {_stages(task)}  ",
+        (_undesired(task), "yellow" if task.undesired else "dim"),
+        no_wrap=True,
+        overflow="ellipsis",
+    )
+
+
+def _trial(task: TaskStatus) -> str:
+    return f"{task.task} seed {task.seed}  {task.time:.1f}/{task.limit:g} s"
+
+
+def _verdict(task: TaskStatus) -> str:
+    reason = "" if task.verdict is TaskVerdict.SUCCESS else task.reason
+    return task.verdict.name + (f": {reason}" if reason else "")
+
+
+def _stages(task: TaskStatus) -> str:
+    done = [stage.name for stage in task.stages if stage.done]
+    open_stages = [stage.name for stage in task.stages if not stage.done]
+    text = f"stage {len(done)}/{len(task.stages)}"
+    if done:
+        text += f": {done[-1]}"
+    running = task.verdict is TaskVerdict.RUNNING
+    return f"{text}, next: {open_stages[0]}" if open_stages and running else text
+
+
+def _undesired(task: TaskStatus) -> str:
+    names = ", ".join(contact.name for contact in task.undesired)
+    return f"undesired: {names}" if names else "no undesired contact"

@@ -1,0 +1,276 @@
+"""Index what happened in a run by its ground truth, and choose the moments worth a picture. Pure.
+
+Every event is placed at the newest ground truth that had arrived before it.
+"""
+
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.robot.joints import LEFT_ARM, RIGHT_ARM
+from common.schemas import (
+    CameraFrame,
+    Gait,
+    GaitOutcome,
+    GaitReply,
+    Message,
+    OperatorStatus,
+    PlantRequest,
+    PlantState,
+    PlantStatus,
+    SceneState,
+    StepJournal,
+    TaskStatus,
+)
+from common.topics import PLANT_TRUTH, Topic
+from lab.live.new_trials import preceded_first_operator
+from lab.review.scoring import Pose2, commanded_motions, recorded_motions
+
+RATE = 12.5
+"""Ground truth is thinned to this rate [Hz], so that hours of it fit in memory."""
+MAX_IMAGES = 2000
+"""Images kept of each camera; when there are more, every other one is dropped."""
+SWING_SHARE = 0.55
+"""Part of a gait after which a foot is well in the air."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One picture of the contact sheet: the ground truth at ``index``, captioned ``label``."""
+
+    index: int
+    label: str
+
+
+@dataclass(frozen=True)
+class Section:
+    """The span of ground truth during which the operator's label did not change."""
+
+    start: int
+    end: int
+    label: str
+
+
+@dataclass(frozen=True)
+class GaitSpan:
+    """The span of ground truth from the acceptance of a gait to its completion."""
+
+    start: int
+    end: int
+    gait: Gait
+
+    @property
+    def name(self) -> str:
+        """Name of the gait, for instance ``turn left``."""
+        return self.gait.name.lower().replace("_", " ")
+
+
+@dataclass
+class Timeline:
+    """Ground truth of a run in order of arrival, and its events by their index in ``truth``.
+
+    Attributes:
+        truth: the ground truth.
+        scene_states: state of the scene's objects at each ground truth; None before the first.
+        labels: (index, label) at each change of the operator's label.
+        gaits: the completed gaits.
+        fall: index of the first fall; None without one.
+        left_images: (index, frame) of the robot's left camera.
+        right_images: (index, frame) of the robot's right camera.
+        task_changes: (index, status) at each change of the scored task; trials that passed
+            before an operator came are left out.
+        operator_script: name of the script that the operator reported last.
+        commanded: motion that each gait should make by the recorded settings of the controller,
+            or by its default configuration where the log has none.
+    """
+
+    truth: list[PlantState] = field(default_factory=list)
+    scene_states: list[SceneState | None] = field(default_factory=list)
+    labels: list[tuple[int, str]] = field(default_factory=list)
+    gaits: list[GaitSpan] = field(default_factory=list)
+    fall: int | None = None
+    left_images: list[tuple[int, CameraFrame]] = field(default_factory=list)
+    right_images: list[tuple[int, CameraFrame]] = field(default_factory=list)
+    task_changes: list[tuple[int, TaskStatus]] = field(default_factory=list)
+    operator_script: str = ""
+    commanded: dict[Gait, Pose2] = field(default_factory=commanded_motions)
+
+    _scene_state: SceneState | None = None
+    _accepted: dict[int, int] = field(default_factory=dict)
+    """Index of the acceptance of each gait under way, by request id."""
+    _unattended: set[tuple[int, int]] = field(default_factory=set)
+    """Trials that passed before an operator came."""
+
+    def add(self, topic: Topic[Any], message: Message) -> None:
+        """Add the next message."""
+        now = len(self.truth) - 1
+        match message:
+            case PlantState():
+                if topic.name == PLANT_TRUTH.name and _is_due(self.truth, message):
+                    self.truth.append(message)
+                    self.scene_states.append(self._scene_state)
+            case SceneState():
+                self._scene_state = message
+            case StepJournal():
+                self.commanded = recorded_motions(message) or self.commanded
+            case _ if now >= 0:
+                self._add_event(message, now)
+
+    def _add_event(self, message: Message, now: int) -> None:
+        match message:
+            case OperatorStatus():
+                self.operator_script = message.script
+                if message.label and message.label != self.label_at(now):
+                    self.labels.append((now, message.label))
+            case GaitReply(outcome=GaitOutcome.ACCEPTED):
+                # A request that is sent again while its gait is under way is accepted again.
+                self._accepted.setdefault(message.request_id, now)
+            case GaitReply(outcome=GaitOutcome.COMPLETED):
+                start = self._accepted.pop(message.request_id, None)
+                if start is not None:
+                    self.gaits.append(GaitSpan(start, now, message.gait))
+            case PlantStatus(fallen=True) if self.fall is None:
+                self.fall = now
+            case CameraFrame():
+                images = self.left_images if message.eye == "left" else self.right_images
+                images.append((now, message))
+                if len(images) > MAX_IMAGES:
+                    del images[1::2]
+            case TaskStatus() if trial_of(message) not in self._unattended:
+                if self.task is None or _task_state(self.task) != _task_state(message):
+                    self.task_changes.append((now, message))
+            case PlantRequest() if self.task and preceded_first_operator(message, self.task):
+                self._unattended.add(trial_of(self.task))
+                self.task_changes = [
+                    change
+                    for change in self.task_changes
+                    if trial_of(change[1]) not in self._unattended
+                ]
+
+    @property
+    def scene(self) -> str:
+        """Name of the scene around the robot."""
+        return next((state.scene for state in self.scene_states if state is not None), "flat")
+
+    @property
+    def task(self) -> TaskStatus | None:
+        """Last status of the scored task; None without a task."""
+        return self.task_changes[-1][1] if self.task_changes else None
+
+    def scene_states_at(self, indices: Iterable[int]) -> list[SceneState | None]:
+        """Return the scene at each index, the first known state before that was received."""
+        first = next((state for state in self.scene_states if state is not None), None)
+        known = len(self.scene_states)
+        return [(self.scene_states[i] if i < known else None) or first for i in indices]
+
+    def seconds_at(self, index: int) -> float:
+        """Return the robot time from the first ground truth to that at ``index`` [s]."""
+        return (self.truth[index].header.stamp - self.truth[0].header.stamp) * 1e-9
+
+    def label_at(self, index: int) -> str:
+        """Return the operator's label at ``index``; empty before the first one."""
+        position = bisect_right([start for start, _ in self.labels], index) - 1
+        return self.labels[position][1] if position >= 0 else ""
+
+    def sections(self) -> list[Section]:
+        """Split the run at the changes of label; one unnamed section if there are none."""
+        last = len(self.truth) - 1
+        starts = [*self.labels, (last, "")]
+        if len(starts) == 1:
+            return [Section(0, last, "")]
+        return [
+            Section(start, max(start, following - 1), label)
+            for (start, label), (following, _) in pairwise(starts)
+        ]
+
+
+def trial_of(status: TaskStatus) -> tuple[int, int]:
+    """Identify a trial: by the boot id of the plant and the number of its resets."""
+    return status.header.boot, status.reset_count
+
+
+def read_timeline(messages: Iterable[tuple[Topic[Any], Message]]) -> Timeline:
+    """Build the timeline of a run from its messages in order of arrival."""
+    timeline = Timeline()
+    for topic, message in messages:
+        timeline.add(topic, message)
+    return timeline
+
+
+def _task_state(status: TaskStatus) -> tuple[object, ...]:
+    """Return the parts of a status whose change is an event."""
+    done = tuple(stage.done for stage in status.stages)
+    return (
+        *(status.task, status.seed, trial_of(status), status.time > 0.0, done),
+        *(len(status.undesired), status.verdict),
+    )
+
+
+def _is_due(truth: Sequence[PlantState], message: PlantState) -> bool:
+    """Return whether a period of :data:`RATE` has passed, or a reset set robot time back."""
+    if not truth:
+        return True
+    elapsed = (message.header.stamp - truth[-1].header.stamp) * 1e-9
+    return elapsed < 0.0 or elapsed >= 0.95 / RATE
+
+
+def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:
+    """Choose the moments worth a picture, in order of time.
+
+    In a section with gaits that is the first gait of each type, mid swing; in any other section
+    it is when arms and grippers had moved furthest. If the operator gave no labels, ``spare``
+    evenly spaced moments are added. A fall is always shown.
+    """
+    if not timeline.truth:
+        return []
+    chosen: list[Moment] = []
+    seen: set[str] = set()
+    for section in timeline.sections():
+        gaits = [span for span in timeline.gaits if section.start <= span.start <= section.end]
+        for span in gaits:
+            if span.name not in seen:
+                seen.add(span.name)
+                middle = span.start + round(SWING_SHARE * (span.end - span.start))
+                chosen.append(Moment(middle, span.name))
+        if not gaits and section.label:
+            chosen.append(Moment(_furthest_moved(timeline.truth, section), section.label))
+    if not timeline.labels:
+        last = len(timeline.truth) - 1
+        chosen += [Moment(last * number // spare, "") for number in range(spare + 1)]
+    if timeline.fall is not None:
+        chosen.append(Moment(timeline.fall, "FELL"))
+    unique = {moment.index: moment for moment in chosen}
+    return [unique[index] for index in sorted(unique)]
+
+
+def _furthest_moved(truth: Sequence[PlantState], section: Section) -> int:
+    """Return when arms and grippers were furthest from where they were at the section's start."""
+    start = _posture(truth[section.start])
+    moved = [
+        float(np.linalg.norm(_posture(state) - start))
+        for state in truth[section.start : section.end + 1]
+    ]
+    # The last of equals: a section in which nothing moves is shown at its end.
+    return section.end - int(np.argmax(np.round(moved[::-1], 3)))
+
+
+def _posture(state: PlantState) -> NDArray[np.float64]:
+    """Return arm joints [rad] and grippers, whose full stroke counts as much as two radians."""
+    arms = state.joint_position[np.r_[LEFT_ARM, RIGHT_ARM]]
+    return np.concatenate([arms, 2.0 * state.gripper_closure])
+
+
+def frame_step(timeline: Timeline, most: int) -> int:
+    """Return n so that every n-th ground truth makes a video of at most ``most`` frames."""
+    return max(1, -(-len(timeline.truth) // most))
+
+
+def image_at(images: Sequence[tuple[int, CameraFrame]], index: int) -> CameraFrame | None:
+    """Return the last camera image taken by ``index``; None before the first."""
+    position = bisect_right([number for number, _ in images], index) - 1
+    return images[position][1] if position >= 0 else None

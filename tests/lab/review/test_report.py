@@ -1,0 +1,89 @@
+"""Summary file and report of a recorded run."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from common.schemas import Gait
+from common.topics import TELEOP_GAIT
+from common.wire.header import wire_header
+from deploy.launch import Verdict
+from lab.errors import LabError
+from lab.review.report import file_lines, known_verdict, report_lines, write_summary
+from lab.review.summary import summarise
+from services.logger.errors import LoggerError
+from services.logger.read.tally import KeyCount, to_metadata
+from services.logger.record.config import LoggerConfig
+from services.logger.record.sink import McapSink
+from tests.disk import fill
+from tests.lab.monitor.test_bus_stats import sample
+from tests.lab.review.synthetic import FakeRobot
+
+
+def recorded(run_dir: Path) -> None:
+    robot = FakeRobot()
+    sink = McapSink(run_dir / "log.mcap", "draco3", LoggerConfig())
+    for pair in robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)):
+        one = sample(pair, at=robot.now / 1000)
+        sink.write(one, wire_header(one.payload))
+    sink.close(to_metadata({f"draco3/{TELEOP_GAIT.name}": KeyCount(recorded=1, dropped=3)}))
+
+
+def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    summary = write_summary(tmp_path, Verdict("completed"), {"mode": "rated"})
+    assert summary.gaits["forward"].completed == 1
+    assert summary.topics[TELEOP_GAIT.name].dropped == 3
+    assert not summary.log_truncated
+    kept = json.loads((tmp_path / "summary.json").read_text())
+    assert kept["environment"]["mode"] == "rated"
+    assert kept["environment"]["python"].startswith("3.")
+    assert kept["gait_runs"][0]["forward"] == pytest.approx(0.2)
+    text = "\n".join(report_lines(summary))
+    assert "1 completed of 1 accepted and 1 requested" in text
+    assert "forward +0.200 m of +0.200" in text
+    assert "3 dropped" in text
+    assert [line.split()[-1] for line in file_lines(tmp_path)] == [
+        str(tmp_path / "log.mcap"),
+        str(tmp_path / "summary.json"),
+    ]
+
+
+def test_summing_up_again_keeps_the_verdict(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    write_summary(tmp_path, Verdict("interrupted", "why"), {"mode": "rated"})
+    verdict, settings = known_verdict(tmp_path)
+    assert verdict == Verdict("interrupted", "why")
+    assert settings["mode"] == "rated"
+    (tmp_path / "summary.json").write_text("{}")
+    verdict, settings = known_verdict(tmp_path)
+    assert (verdict.outcome, settings) == ("unknown", {})
+
+
+def test_a_truncated_log_is_summed_up_and_reported_as_truncated(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    log = tmp_path / "log.mcap"
+    log.write_bytes(log.read_bytes()[:-100])
+    summary = write_summary(tmp_path, Verdict("completed"), {})
+    assert summary.log_truncated
+    assert "truncated" in report_lines(summary)[-1]
+    with pytest.raises(LoggerError, match="cannot open"):
+        write_summary(tmp_path / "none", Verdict("completed"), {})
+
+
+def test_an_empty_log_has_a_report_too() -> None:
+    text = "\n".join(report_lines(summarise([], outcome="service died", reason="wbc ended")))
+    assert "service died: wbc ended" in text
+
+
+def test_a_full_disk_does_not_destroy_the_verdict(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorded(tmp_path)
+    write_summary(tmp_path, Verdict("timed out", "too slow"), {"mode": "rated"})
+    fill(monkeypatch)
+    with pytest.raises(LabError, match="No space left"):
+        write_summary(tmp_path, Verdict("completed"), {})
+    verdict, settings = known_verdict(tmp_path)
+    assert (verdict, settings["mode"]) == (Verdict("timed out", "too slow"), "rated")
