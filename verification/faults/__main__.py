@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from common.errors import TrillError, explain
+from lab.progress import ProgressBar
 from verification.faults.clock_skew import ClockSkew
 from verification.faults.dead_peer import DeadPeer
 from verification.faults.kill_recorder import KillRecorder
@@ -90,18 +91,12 @@ def run(plan: FaultPlan, out: Path, console: Console) -> list[Verdict]:
     """Run an experiment, print its table and write its numbers to a file in ``out``."""
     console.print(f"\n{plan.name}: {plan.fault}", style="bold")
     started, rows, verdicts = time.monotonic(), [], []
-    with console.status("") as status:
-
-        def progress(text: str) -> None:
-            status.update(text)
-            if not console.is_terminal:
-                print(f"  {text}", file=sys.stderr, flush=True)
-
-        try:
-            rows = list(plan.measure(progress))
-            verdicts = [promise.judge(rows) for promise in plan.promises]
-        except (TrillError, OSError) as error:
-            verdicts = [Verdict(f"the experiment runs: {error}", 0.0, float("nan"), kept=False)]
+    try:
+        with ProgressBar(plan.name) as bar:
+            rows = list(plan.measure(bar.advance))
+        verdicts = [promise.judge(rows) for promise in plan.promises]
+    except (TrillError, OSError) as error:
+        verdicts = [Verdict(f"the experiment runs: {error}", 0.0, float("nan"), kept=False)]
     console.print(_table(rows))
     content = {
         "experiment": plan.name,
