@@ -3,7 +3,7 @@
 Both write the same bytes of the same messages, in the proportions in which a robot sends them
 (state 200, command 100, controller 100, truth 50, two cameras 20 each), to files of their own; in
 blocks, one after the other, so that whatever else the machine does meets both alike. The recorder
-queues, reads the header, keeps the account and writes; the bare writer only writes. Both close a
+queues, reads the header, counts deliveries and writes; the bare writer only writes. Both close a
 chunk as often as it is due at full rate. Times are of the processor, so that they are not those of
 what else runs.
 
@@ -69,7 +69,7 @@ def blocks(pictures: str, seconds: float) -> Iterator[Block]:
 
 
 def recorder_writes(path: Path, config: LoggerConfig) -> tuple[Write, Callable[[], object]]:
-    """Record a block: queue, header, account, file; and what closes the file."""
+    """Return a function that records a block as the recorder does, and one that closes the file."""
     sink = McapSink(path, "draco3", config)
     recorder = Recorder(sink, config)
 
@@ -85,7 +85,7 @@ def recorder_writes(path: Path, config: LoggerConfig) -> tuple[Write, Callable[[
         sink.flush()
         return times, time.thread_time_ns() - begin
 
-    return write, lambda: sink.close({}, sync=False)
+    return write, lambda: sink.close(sync=False)
 
 
 def bare_writes(path: Path, config: LoggerConfig) -> tuple[Write, Callable[[], object]]:

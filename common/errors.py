@@ -1,6 +1,9 @@
 """Root of every exception this project raises, and validation errors in words."""
 
-from pydantic import ValidationError
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
 
 _LONGEST_VALUE = 60
 """Characters shown of a refused value."""
@@ -18,7 +21,7 @@ class ConfigError(TrillError):
     """A configuration file or option is wrong."""
 
 
-def explain(error: ValidationError) -> str:
+def explain(error: "ValidationError") -> str:
     """Return one line ``key.path: what was expected (got …)`` for each wrong value of ``error``."""
     return "\n".join(
         _line(".".join(str(part) for part in item["loc"]), item["type"], item["msg"], item["input"])

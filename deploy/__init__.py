@@ -1,1 +1,1 @@
-"""How the services are brought up, watched and looked back on; the command line is in cli/."""
+"""Starts and supervises the processes of a system; container images and compose files."""

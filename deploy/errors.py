@@ -1,7 +1,7 @@
-"""Root of the exceptions raised while starting, watching and reporting on a system."""
+"""Root of the exceptions raised while starting and supervising a system."""
 
 from common.errors import TrillError
 
 
 class DeployError(TrillError):
-    """Something about running the services together went wrong."""
+    """The processes of a system cannot be started or supervised."""

@@ -1,4 +1,4 @@
-"""Packages of the optional parts, which may not be installed."""
+"""Check that the packages of an optional part are installed."""
 
 from importlib import import_module
 
@@ -6,15 +6,15 @@ from common.errors import ConfigError
 
 
 def require(who: str, extra: str, *packages: str) -> None:
-    """Be sure that ``packages`` can be imported.
+    """Check that ``packages`` can be imported.
 
     Args:
-        who: needs them, for the message.
-        extra: of this project's, that brings them.
-        packages: by the names they are imported under.
+        who: the command that needs them, for the message.
+        extra: the optional dependency of this project that installs them.
+        packages: import names.
 
     Raises:
-        ConfigError: one cannot.
+        ConfigError: a package is missing or broken; the message names the extra.
     """
     for package in packages:
         try:
@@ -25,5 +25,5 @@ def require(who: str, extra: str, *packages: str) -> None:
                 f"'.[{extra}]' in a checkout)"
             ) from error
         except ImportError as error:
-            # There, but broken: a library of the system's may be missing.
+            # Installed but broken: a library of the system may be missing.
             raise ConfigError(f"{who} cannot use the package {package}: {error}") from error

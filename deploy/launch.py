@@ -1,4 +1,4 @@
-"""A running system as a context: run directory, ports, processes; gone when it is left."""
+"""Run a system inside a context: its run directory, ports and processes."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -23,33 +23,33 @@ Outcome = Literal[
     "interrupted",
     "unknown",
 ]
-"""How a run ended; unknown where only the log is left to tell."""
+"""How a run ended; unknown if only its log is left."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Why a run ended."""
+    """How and why a run ended."""
 
     outcome: Outcome
     reason: str = ""
 
 
 @dataclass(frozen=True)
-class Ended:
-    """A finished run: where its files are and how it ended."""
+class RunResult:
+    """A finished run: the directory of its files, and its verdict."""
 
     run_dir: Path
     verdict: Verdict
 
 
 @dataclass(frozen=True)
-class Running:
-    """A running system.
+class RunningSystem:
+    """Processes and bus of a running system.
 
     Attributes:
         supervisor: its processes.
-        bus: how to reach its bus.
-        run_dir: where it leaves its files.
+        bus: configuration with which to join its bus.
+        run_dir: directory of its files.
     """
 
     supervisor: Supervisor
@@ -58,17 +58,18 @@ class Running:
 
     @property
     def title(self) -> str:
-        """What and where, for the head of a table."""
+        """Run directory and base port, for the head of a table."""
         return f"{self.run_dir}  base port {self.bus.base_port}"
 
 
 @contextlib.contextmanager
 def running_system(
     options: SystemOptions, base_port: int | None, operators: Sequence[ProcessSpec] = ()
-) -> Iterator[Running]:
-    """Start the robot's side and ``operators``; leaving the context, by whatever way, ends all.
+) -> Iterator[RunningSystem]:
+    """Start the robot's side and ``operators``; leaving the context ends all of them.
 
-    Ctrl-C (and SIGTERM, SIGHUP) inside the context leaves it quietly: execution goes on after it.
+    Ctrl-C, SIGTERM and SIGHUP inside the context leave it without an exception: execution goes on
+    after it.
 
     Raises:
         DeployError: the system cannot be started.
@@ -76,7 +77,7 @@ def running_system(
     """
     known = bus_of(base_port, options.config)
     with reserve_base_port(known.host, base_port) as port:
-        # Not before, so that a wrong option leaves no empty directory.
+        # Made last, so that a wrong option leaves no empty directory.
         run_dir = new_run_dir()
         supervisor = Supervisor(
             [*robot_processes(options, run_dir), *operators],
@@ -85,4 +86,4 @@ def running_system(
         )
         bus = known.model_copy(update={"base_port": port})
         with contextlib.suppress(KeyboardInterrupt), terminated_as_interrupted(), supervisor:
-            yield Running(supervisor, bus, run_dir)
+            yield RunningSystem(supervisor, bus, run_dir)

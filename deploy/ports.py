@@ -1,4 +1,4 @@
-"""A block of ports for one system, so that several can run side by side on a machine."""
+"""Reserve a block of ports for one system, so that several run side by side on a machine."""
 
 import contextlib
 import socket
@@ -22,10 +22,10 @@ def reserve_base_port(host: str = "127.0.0.1", wanted: int | None = None) -> Ite
 
     Args:
         host: address the services will listen on.
-        wanted: take this one instead of looking for a free one.
+        wanted: take this base port instead of looking for a free block.
 
     Raises:
-        DeployError: ``wanted`` is taken, or no block is free.
+        DeployError: a port of ``wanted`` is in use, or no block is free.
     """
     offsets = (ROUTER_OFFSET, *PORT_OFFSETS.values())
     candidates = (
@@ -48,13 +48,13 @@ def reserve_base_port(host: str = "127.0.0.1", wanted: int | None = None) -> Ite
         )
     raise DeployError(
         f"ports {wanted + _FIRST} to {wanted + _MARK} on {host} are not all free; leave "
-        "--base-port away to have free ones chosen, or stop what uses them"
+        "out --base-port to have free ones chosen, or stop the program that uses them"
     )
 
 
 def _bound(host: str, port: int, *, shared: bool) -> socket.socket | None:
     sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    if shared:  # as the services do: ports of connections merely winding down count as free
+    if shared:  # like the services: a port whose last connection is still closing counts as free
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         sock.bind((host, port))

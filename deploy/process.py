@@ -1,4 +1,4 @@
-"""What a supervised process is, and how its end is told."""
+"""The declaration of a supervised process, and the report of its end."""
 
 import contextlib
 import os
@@ -13,7 +13,7 @@ TAIL_LINES = 12
 
 
 class Restart(Enum):
-    """What to do when a process ends on its own."""
+    """Whether a process that ends on its own is started again."""
 
     NEVER = "never"
     ON_FAILURE = "on-failure"
@@ -21,17 +21,21 @@ class Restart(Enum):
 
 @dataclass(frozen=True)
 class ProcessSpec:
-    """One process, declared.
+    """Declares one process.
 
     Attributes:
         name: short name; its log file is ``<name>.txt``.
         module: run as ``python -m <module>``.
         args: command-line arguments.
         restart: whether it is started again after it failed (at most ``max_restarts`` times).
+        max_restarts: how often it is started again.
+        spare: a second process waits with the module already imported, so that a restart takes no
+            time for imports. Costs the memory of the imported packages. The module's import must
+            have no side effects. Without effect unless the process may be restarted.
         wanted: whether to start it at all.
-        stop_order: processes of a lower wave are stopped before those of a higher one.
+        stop_order: processes with a lower number are stopped before those with a higher one.
         foreground: owns the terminal (input, output, Ctrl-C) instead of a log file.
-        may_finish: ending with exit code 0 is success, not a death.
+        may_finish: an end with exit code 0 is a success, not a failure.
         essential: the system is of no use without it.
     """
 
@@ -40,6 +44,7 @@ class ProcessSpec:
     args: tuple[str, ...] = ()
     restart: Restart = Restart.NEVER
     max_restarts: int = 3
+    spare: bool = False
     wanted: bool = True
     stop_order: int = 0
     foreground: bool = False
@@ -49,10 +54,14 @@ class ProcessSpec:
 
 @dataclass(frozen=True)
 class Exit:
-    """How a process ended on its own.
+    """Reports how a process ended on its own.
 
-    ``code`` is the exit code, negative for a signal; ``expected`` is true for a process that may
-    finish and did so with code 0; ``restarted`` says whether it is running again.
+    Attributes:
+        name: of the process.
+        code: exit code, or the negative number of the signal that killed it.
+        expected: it was allowed to finish and did so with code 0.
+        restarted: it is running again.
+        tail: the last lines of its log.
     """
 
     name: str
@@ -62,7 +71,7 @@ class Exit:
     tail: tuple[str, ...]
 
     def describe(self) -> str:
-        """One paragraph for a person: what ended, how, and what it said last."""
+        """Return a paragraph for the operator: name, exit code and last lines of the log."""
         lines = [f"{self.name} ended: {describe_code(self.code)}"]
         if self.restarted:
             lines[0] += "; started again"
@@ -70,7 +79,7 @@ class Exit:
 
 
 def describe_code(code: int) -> str:
-    """Words for a process's return code."""
+    """Return a process's return code in words."""
     if code >= 0:
         return f"exit code {code}"
     try:
@@ -80,7 +89,7 @@ def describe_code(code: int) -> str:
 
 
 def tail(path: Path, lines: int = TAIL_LINES) -> tuple[str, ...]:
-    """Last ``lines`` non-empty lines of a text file; empty when there is no such file."""
+    """Return the last ``lines`` non-empty lines of a text file; none if there is no such file."""
     try:
         with path.open("rb") as stream:
             size = stream.seek(0, os.SEEK_END)
@@ -96,9 +105,9 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 @contextlib.contextmanager
 def terminated_as_interrupted() -> Iterator[None]:
-    """Inside, SIGINT, SIGTERM and SIGHUP all raise KeyboardInterrupt, so that each cleans up.
+    """Turn SIGINT, SIGTERM and SIGHUP into KeyboardInterrupt, so that each of them cleans up.
 
-    SIGINT too: a process started in the background by a shell script ignores it from birth.
+    SIGINT is among them because a background process of a shell script ignores it from the start.
     """
 
     def interrupt(_number: int, _frame: object) -> None:

@@ -1,10 +1,10 @@
-"""``python -m deploy.router``: the way in for everything that is not on the control path.
+"""``python -m deploy.router``: a Zenoh router for all clients that are not on the control path.
 
 The services of the port table (:mod:`common.ports`) exchange messages directly, as peers.
-Loggers, viewers, headsets and GPU hosts come as clients of this router instead: a peer then sends
-each message to the router once, however many clients want it, and a client that stands still or
-sits behind a bad network fills the router's queue and nobody else's. The router connects to the
-services, not they to it, so that it may come last, go first and come back.
+Loggers, viewers, headsets and GPU hosts connect to this router instead: a peer then sends each
+message to the router once, however many clients subscribe, and a client that is paused or behind a
+bad network fills the router's queue only. The router connects to the services, not they to it, so
+that it may start last, stop first and be restarted.
 """
 
 import argparse
@@ -24,13 +24,13 @@ from common.transport.session import open_session
 
 NAME = "router"
 LOOK_PERIOD = 0.2
-"""Between looks at who is connected, and so how soon a signal is heeded [s]."""
+"""Period of looking at the connections, and the time within which a signal is noticed [s]."""
 
 DESCRIPTION = f"""Zenoh router beside the services. It listens on one port (by default the one below
 the base port: {DEFAULT_BASE_PORT + ROUTER_OFFSET}) and connects to every service of the port table.
 Loggers, viewers, headsets and GPU hosts attach to it with TRILL_MODE=client; the services' own
-exchange does not pass through it and goes on whatever happens to it or to its clients. It may be
-started, stopped and restarted at any time; clients come back by themselves."""
+exchange does not pass through it and continues whatever happens to it or its clients. It may be
+started, stopped and restarted at any time; clients reconnect by themselves."""
 EPILOG = """examples:
   python -m deploy.router                                  beside services on the standard ports
   python -m deploy.router --base-port 7464                 beside a second system
@@ -44,7 +44,7 @@ attach to it:
 Whoever reaches the listening port can read and publish everything, commands included. Leave it on
 loopback, or set TLS and access control under [bus.zenoh] of the file given to --config.
 
-exit codes: 0 after SIGINT or SIGTERM, 1 when the port cannot be had, 2 for wrong options.
+exit codes: 0 after SIGINT or SIGTERM, 1 if the port is not free, 2 for wrong options.
 """
 
 _log = logging.getLogger("trill.router")
@@ -53,10 +53,10 @@ _log = logging.getLogger("trill.router")
 def router_config(
     bus: BusConfig, listen: Sequence[str] | None = None, connect: Sequence[str] | None = None
 ) -> BusConfig:
-    """The bus as its router sees it.
+    """Return the bus configuration of the router.
 
     Args:
-        bus: the bus as a service would see it; its mode does not matter.
+        bus: configuration of a service; its mode is ignored.
         listen: endpoints to listen on; None: as in ``bus``, or else the port below its base port.
         connect: endpoints of services; None: as in ``bus``, or else the whole port table.
     """
@@ -71,7 +71,7 @@ def router_config(
 
 
 def describe(kinds: Sequence[str]) -> str:
-    """Say who is connected, e.g. ``3 peers, 1 client``; ``nobody`` for none.
+    """Return the connections in words, e.g. ``3 peers, 1 client``; ``nobody`` for none.
 
     Args:
         kinds: one of ``peer``, ``client``, ``router`` for each connection.
@@ -86,7 +86,7 @@ def describe(kinds: Sequence[str]) -> str:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     result = argparse.ArgumentParser(
         prog="python -m deploy.router",
         description=DESCRIPTION,
@@ -114,7 +114,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Route until a signal; returns the exit code."""
+    """Route until SIGINT or SIGTERM; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     arguments = parser().parse_args(argv)
     stop = StopSignals().heed()
@@ -131,7 +131,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def route(config: BusConfig, stop: StopSignals) -> None:
-    """Route until ``stop``, saying who comes and goes.
+    """Route until ``stop``, logging the connections whenever they change.
 
     Raises:
         BusError: an endpoint cannot be listened on.

@@ -1,6 +1,6 @@
 #!/bin/sh
-# Prepare a virtual environment with everything the project needs; nothing is installed globally,
-# but for a graphics library when run as root on a Debian-like system that lacks one.
+# Prepare a virtual environment with everything the project needs. Nothing is installed globally,
+# except a graphics library when run as root on a Debian-like system that lacks one.
 #
 #   deploy/setup.sh <venv directory>
 #

@@ -1,4 +1,4 @@
-"""Start, watch and stop the services of one system, each a process of its own.
+"""Start, watch, restart and stop the services of one system, each in a process of its own.
 
 The supervisor is a plain object that its owner polls; it has no thread, because the kernel ties a
 child's life to the thread that started it (see :mod:`deploy.child`). Start and poll it from one
@@ -17,21 +17,39 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from deploy.child import SPARE
 from deploy.errors import DeployError
 from deploy.process import Exit, ProcessSpec, Restart, tail
+
+SPARE_AFTER_S = 3.0
+"""A spare is started when its service has run for this long, so that it does not slow the start
+of the system, and a service that fails at once does not get one [s]."""
+
+Process = subprocess.Popen[bytes]
 
 
 @dataclass
 class _Child:
     spec: ProcessSpec
-    process: "subprocess.Popen[bytes]"
+    process: Process
+    started: float
     restarts: int = 0
+    spare: Process | None = None
     exit: Exit | None = None
+
+    @property
+    def restartable(self) -> bool:
+        """Whether it would be started again if it failed now."""
+        return (
+            self.spec.restart is Restart.ON_FAILURE
+            and self.restarts < self.spec.max_restarts
+            and self.exit is None
+        )
 
 
 @dataclass(frozen=True)
 class SignalEscalation:
-    """How long each signal gets before the next, harsher one [s]."""
+    """Time that each signal gets before the next, harsher one [s]."""
 
     interrupt: float = 5.0
     terminate: float = 2.0
@@ -46,15 +64,15 @@ class Supervisor:
 
     Attributes:
         specs: what to run, in starting order; names are unique.
-        log_dir: where each background process's output goes.
+        log_dir: directory for the output of each background process.
         environment: variables set for every process on top of this one's.
-        ladder: patience at each rung of SIGINT, SIGTERM, SIGKILL.
+        escalation: time given to each of SIGINT, SIGTERM and SIGKILL.
     """
 
     specs: Sequence[ProcessSpec]
     log_dir: Path
     environment: Mapping[str, str] = field(default_factory=dict)
-    ladder: SignalEscalation = SignalEscalation()
+    escalation: SignalEscalation = SignalEscalation()
     _children: dict[str, _Child] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -93,64 +111,73 @@ class Supervisor:
             ) from error
         for spec in self.specs:
             if spec.wanted:
-                self._children[spec.name] = _Child(spec, self._spawn(spec))
+                process = self._spawn(spec)
+                self._children[spec.name] = _Child(spec, process, time.monotonic())
 
     def log_path(self, name: str) -> Path:
-        """Where the output of process ``name`` goes."""
+        """Return the log file of process ``name``."""
         return self.log_dir / f"{name}.txt"
 
     def alive(self, name: str) -> bool:
-        """Whether process ``name`` was started and has not ended."""
+        """Return whether process ``name`` was started and has not ended."""
         child = self._children.get(name)
         return child is not None and child.process.poll() is None
 
     def pid(self, name: str) -> int:
-        """Process id of ``name``, which must have been started."""
+        """Return the process id of ``name``, which must have been started."""
         return self._children[name].process.pid
 
+    def spare_pid(self, name: str) -> int | None:
+        """Return the process id of the spare of ``name``; None while there is none."""
+        spare = self._children[name].spare
+        return None if spare is None else spare.pid
+
     def spec(self, name: str) -> ProcessSpec:
-        """The declaration of process ``name``, which must have been started."""
+        """Return the declaration of process ``name``, which must have been started."""
         return self._children[name].spec
 
     def running(self) -> list[str]:
-        """Names of the processes that run, in starting order."""
+        """Return the names of the processes that run, in starting order."""
         return [name for name in self._children if self.alive(name)]
 
-    def exit_of(self, name: str) -> Exit | None:
-        """How ``name`` ended, or None while it runs (or was never started)."""
-        child = self._children.get(name)
-        return None if child is None else child.exit
-
     def poll(self) -> list[Exit]:
-        """Reap processes that ended on their own since the last poll; restart those that should.
+        """Restart failed processes and keep spares ready; call it many times a second.
 
         Never blocks.
+
+        Returns:
+            the processes that ended on their own since the last poll.
         """
         exits = []
         for child in self._children.values():
             code = child.process.poll()
-            if code is None or child.exit is not None:
-                continue
-            exits.append(self._reap(child, code))
+            if code is not None and child.exit is None:
+                exits.append(self._reap(child, code))
+        for child in self._children.values():
+            self._keep_spare(child)
         return exits
 
     def stop(self) -> None:
-        """Stop everything, wave by wave, up the ladder; returns when no process is left.
+        """Stop everything in the order of ``stop_order``; returns when no process is left.
 
-        A further Ctrl-C meanwhile skips to the next rung.
+        A further Ctrl-C meanwhile skips to the next signal.
         """
-        waves = sorted({child.spec.stop_order for child in self._children.values()})
-        for wave in waves:
+        for child in self._children.values():
+            _discard_spare(child)
+        for order in sorted({child.spec.stop_order for child in self._children.values()}):
             self._stop_together(
                 [
                     child
                     for child in self._children.values()
-                    if child.spec.stop_order == wave and child.exit is None
+                    if child.spec.stop_order == order and child.exit is None
                 ]
             )
 
-    def _spawn(self, spec: ProcessSpec) -> "subprocess.Popen[bytes]":
-        command = [sys.executable, "-m", "deploy.child", str(os.getpid()), spec.module, *spec.args]
+    def _spawn(self, spec: ProcessSpec, *, spare: bool = False) -> Process:
+        command = [
+            *(sys.executable, "-m", "deploy.child", *([SPARE] if spare else [])),
+            *(str(os.getpid()), spec.module, *spec.args),
+        ]
         environment = {**os.environ, "PYTHONUNBUFFERED": "1", **self.environment}
         if spec.foreground:
             return subprocess.Popen(command, env=environment)
@@ -158,7 +185,7 @@ class Supervisor:
             return subprocess.Popen(
                 command,
                 env=environment,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE if spare else subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 process_group=0,
@@ -175,25 +202,41 @@ class Supervisor:
         _sweep(child)
         spec = child.spec
         expected = spec.may_finish and code == 0
-        again = (
-            spec.restart is Restart.ON_FAILURE and code != 0 and child.restarts < spec.max_restarts
-        )
-        said = () if spec.foreground else tail(self.log_path(spec.name))
-        ended = Exit(spec.name, code, expected, again, said)
+        again = code != 0 and child.restartable
         if again:
-            child.restarts += 1
-            child.process = self._spawn(spec)
-        else:
+            # The successor first: everything else can wait for it.
+            self._restart(child)
+        lines = () if spec.foreground else tail(self.log_path(spec.name))
+        ended = Exit(spec.name, code, expected, again, lines)
+        if not again:
             child.exit = ended
+            _discard_spare(child)
         return ended
 
+    def _restart(self, child: _Child) -> None:
+        """Put the spare in the place of an ended process, or a new process if there is none."""
+        spare, child.spare = child.spare, None
+        child.restarts += 1
+        child.process = spare if spare and _wake(spare) else self._spawn(child.spec)
+        child.started = time.monotonic()
+
+    def _keep_spare(self, child: _Child) -> None:
+        """Start a spare for a process that wants one, has none and has run for a while.
+
+        A spare that ended is not replaced before the next restart, since a new one would end, too.
+        """
+        wanted = child.spec.spare and not child.spec.foreground and child.restartable
+        settled = time.monotonic() - child.started > SPARE_AFTER_S
+        if wanted and settled and child.spare is None:
+            child.spare = self._spawn(child.spec, spare=True)
+
     def _stop_together(self, children: Sequence[_Child]) -> None:
-        rungs = (
-            (signal.SIGINT, self.ladder.interrupt),
-            (signal.SIGTERM, self.ladder.terminate),
-            (signal.SIGKILL, self.ladder.kill),
+        steps = (
+            (signal.SIGINT, self.escalation.interrupt),
+            (signal.SIGTERM, self.escalation.terminate),
+            (signal.SIGKILL, self.escalation.kill),
         )
-        for number, patience in rungs:
+        for number, patience in steps:
             running = [child for child in children if child.process.poll() is None]
             if not running:
                 break
@@ -202,6 +245,29 @@ class Supervisor:
             _wait(running, patience)
         for child in children:
             _sweep(child)
+
+
+def _wake(spare: Process) -> bool:
+    """Have a spare run its module; False if it has ended."""
+    if spare.poll() is not None or spare.stdin is None:
+        return False
+    try:
+        spare.stdin.write(b"\n")
+        spare.stdin.close()
+    except BrokenPipeError:
+        spare.wait()
+        return False
+    return True
+
+
+def _discard_spare(child: _Child) -> None:
+    """End a spare that is not needed; it holds nothing to clean up."""
+    spare, child.spare = child.spare, None
+    if spare is not None:
+        spare.kill()
+        spare.wait()
+        if spare.stdin is not None:
+            spare.stdin.close()
 
 
 def _send(child: _Child, number: signal.Signals) -> None:

@@ -1,66 +1,61 @@
-"""Which processes make up the system, and where a run leaves its files."""
+"""The processes that make up a system, and the directory of a run."""
 
-import os
-import platform
-import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from deploy.errors import DeployError
 from deploy.process import ProcessSpec, Restart
 
 RUNS = Path("runs")
-"""Where runs are kept, below the current directory."""
+"""Directory of all runs, below the current directory."""
 LOG_FILE = "log.mcap"
 OPERATOR = "teleop"
-"""The operator's process."""
-PACKAGES = ("trill", "eclipse-zenoh", "numpy", "pydantic", "mujoco", "pin", "osqp", "daqp")
+"""Name of the operator's process."""
 
-# The plant stops first: without commands it would hold, go limp and be seen falling. The logger
-# stops last, so that the log has the end of all others.
+# The plant stops first: without commands it would hold, go limp and be recorded falling. The
+# logger stops last, so that the log holds the end of all others.
 _FIRST, _THEN, _LAST = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class SystemOptions:
-    """What the person who starts the system chose.
+    """Options of the robot's side of a system.
 
     Attributes:
-        mode: torque limits, ``relaxed`` (as the public TRILL simulation) or ``rated`` (the URDF's).
-        cameras: whether the robot sees.
-        record: whether everything is logged.
+        torque_mode: torque limits, ``relaxed`` (as the public TRILL simulation) or ``rated`` (the
+            URDF's); None: those of the configuration, ``relaxed`` if it has none.
+        cameras: whether the cameras run.
+        record: whether a logger records everything.
         config: TOML file for the whole stack, or None.
-        restart: what happens to a service that fails.
+        restart: whether a service that fails is started again.
         links: injected delays, as the text of TRILL_LINKS.
         task: scored task of the plant; None: flat ground.
-        seed: of sensor noise and the task's start.
+        seed: seed of sensor noise and the task's start; None: that of the configuration, or 0.
     """
 
-    mode: str = "relaxed"
+    torque_mode: str | None = None
     cameras: bool = True
     record: bool = True
     config: Path | None = None
     restart: Restart = Restart.NEVER
     links: str = ""
     task: str | None = None
-    seed: int = 0
+    seed: int | None = None
 
 
 def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
-    """The robot's side: router, logger, plant, cameras, controller."""
-    limits = ("--torque-mode", options.mode)
-    plant: tuple[str, ...] = (*limits, "--seed", str(options.seed))
-    if options.task is not None:
-        plant = (*plant, "--task", options.task)
+    """Declare the robot's side: router, logger, plant, cameras and controller."""
+    limits = _option("--torque-mode", options.torque_mode)
+    seed = None if options.seed is None else str(options.seed)
+    plant = (*limits, *_option("--seed", seed), *_option("--task", options.task))
     return [
         ProcessSpec(
             "router",
             "deploy.router",
             restart=options.restart,
-            # The robot walks without; only whoever watches or drives from afar needs it.
+            # The robot walks without it; only clients from other machines need it.
             essential=False,
             stop_order=_LAST,
         ),
@@ -81,12 +76,25 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
             essential=False,
             stop_order=_THEN,
         ),
-        ProcessSpec("wbc", "services.wbc", limits, options.restart, stop_order=_THEN),
+        ProcessSpec(
+            "wbc",
+            "services.wbc",
+            limits,
+            options.restart,
+            # Without commands the plant holds the robot, and lets it go limp after 5 s.
+            spare=True,
+            stop_order=_THEN,
+        ),
     ]
 
 
+def _option(name: str, value: str | None) -> tuple[str, ...]:
+    """Return a command-line option; nothing where a configuration file is to decide."""
+    return () if value is None else (name, value)
+
+
 def scripted_operator(script: str) -> ProcessSpec:
-    """An operator that plays ``script`` and ends."""
+    """Declare an operator that plays ``script`` and ends."""
     return ProcessSpec(
         OPERATOR,
         "services.teleop",
@@ -97,7 +105,7 @@ def scripted_operator(script: str) -> ProcessSpec:
 
 
 def synthetic_operator(task: str, seed: int) -> ProcessSpec:
-    """An operator that does ``task`` like a person with a headset, then holds on."""
+    """Declare an operator that does ``task`` like a person with a headset, then keeps running."""
     return ProcessSpec(
         OPERATOR,
         "services.teleop",
@@ -108,7 +116,7 @@ def synthetic_operator(task: str, seed: int) -> ProcessSpec:
 
 
 def keyboard_operator() -> ProcessSpec:
-    """A person at this terminal."""
+    """Declare the keyboard operator, which owns this terminal."""
     return ProcessSpec(
         OPERATOR,
         "services.teleop",
@@ -120,7 +128,7 @@ def keyboard_operator() -> ProcessSpec:
 
 
 def environment(base_port: int, config: Path | None, links: str = "") -> dict[str, str]:
-    """Variables that bring all processes of one system together."""
+    """Return the variables that make all processes of one system use the same bus and links."""
     variables = {"TRILL_BASE_PORT": str(base_port)}
     if links:
         variables["TRILL_LINKS"] = links
@@ -133,7 +141,7 @@ def new_run_dir(root: Path = RUNS) -> Path:
     """Make ``<root>/<date-time>``, with a suffix if two runs start in one second.
 
     Raises:
-        DeployError: it cannot be made.
+        DeployError: the directory cannot be made.
     """
     stamp = time.strftime("%Y%m%d-%H%M%S")
     for suffix in ("", *(f"-{number}" for number in range(2, 100))):
@@ -142,7 +150,7 @@ def new_run_dir(root: Path = RUNS) -> Path:
             path.mkdir(parents=True)
         except FileExistsError:
             if not root.is_dir():
-                raise DeployError(f"{root} is in the way: it is no directory") from None
+                raise DeployError(f"{root} exists and is not a directory; move it away") from None
             continue
         except OSError as error:
             raise DeployError(
@@ -153,32 +161,6 @@ def new_run_dir(root: Path = RUNS) -> Path:
     raise DeployError(f"too many runs at {stamp} in {root}")
 
 
-def versions() -> dict[str, str]:
-    """Versions and machine, for the record."""
-    found = {
-        "python": platform.python_version(),
-        "platform": platform.platform(),
-        "cpus": str(os.cpu_count()),
-    }
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    commit = _commit()
-    return found | ({"commit": commit} if commit else {})
-
-
-def _commit() -> str:
-    """Short hash of the source tree's commit; empty outside a repository."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty"]
-    try:
-        ended = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
-    except (OSError, subprocess.TimeoutExpired):
-        return ""
-    return ended.stdout.strip()
-
-
 def terminal() -> bool:
-    """Whether a person is at this process's input and output."""
+    """Return whether this process's input and output are a terminal."""
     return sys.stdin.isatty() and sys.stdout.isatty()

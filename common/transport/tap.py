@@ -31,6 +31,10 @@ class RawTap:
     The transport's thread only hands on: to ``deliver`` if there is one, else to a queue bounded
     by messages and bytes. When the reader of that queue falls behind, the oldest samples are let
     go and counted in :attr:`dropped_by_key`.
+
+    Attributes:
+        error: the exception of ``deliver``, after which nothing more is delivered; None: it works.
+            Whoever gives a ``deliver`` has to watch this.
     """
 
     def __init__(
@@ -60,6 +64,7 @@ class RawTap:
             accept: says of a key, once, whether its messages are wanted; None: all are.
         """
         self.received = 0
+        self.error: Exception | None = None
         self.dropped_by_key: Counter[str] = Counter()
         """Samples let go because nobody drained in time, or the largest alone was too large."""
         self._session: Any = session
@@ -98,7 +103,7 @@ class RawTap:
         self._subscribers.append(subscriber)
         if self._delivers:
             reader = threading.Thread(
-                target=_read, args=(subscriber, receive), name="tap", daemon=True
+                target=self._read, args=(subscriber, receive), name="tap", daemon=True
             )
             reader.start()
             self._readers.append(reader)
@@ -144,6 +149,14 @@ class RawTap:
 
         return receive
 
+    def _read(self, subscriber: Any, receive: Callable[[Any], None]) -> None:
+        """Deliver what arrives until the subscriber is undeclared."""
+        try:
+            for sample in subscriber:
+                receive(sample)
+        except Exception as error:  # noqa: BLE001 - nobody waits for this thread
+            self.error = self.error or error
+
     def _enqueue(self, raw: RawSample) -> None:
         queue = self._queue
         with self._lock:
@@ -153,9 +166,3 @@ class RawTap:
                 oldest = queue.popleft()
                 self._waiting_bytes -= len(oldest.payload)
                 self.dropped_by_key[oldest.key] += 1
-
-
-def _read(subscriber: Any, receive: Callable[[Any], None]) -> None:
-    """Pass on what comes, until the subscriber is withdrawn."""
-    for sample in subscriber:
-        receive(sample)

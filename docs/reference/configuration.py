@@ -93,8 +93,8 @@ the variable `TRILL_CONFIG`. Command-line options win over variables, variables 
 file over the defaults. An unknown table, an unknown key or a value out of range ends the program
 with exit code 2 and a message that names the key and what was expected.
 
-`trill demo`, `trill drive` and `trill up` always pass their `--mode` (torque limits) and `--seed`
-to the services, so with them these two are chosen by the options, not by the file.
+`--torque-mode` and `--seed` of `trill demo`, `trill drive` and `trill up` win over the file where
+they are given.
 
 ```toml
 [bus]

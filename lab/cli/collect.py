@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
-from lab.cli.commands import Command
+from lab.cli.commands import Action
 from lab.trials import options
 
 if TYPE_CHECKING:
@@ -240,11 +240,4 @@ def _check(root: Path, seed: int | None) -> int:
     return 1 if wrong else 0
 
 
-COMMAND = Command(
-    "collect",
-    "demonstrations of a task by the hundred",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
 from deploy.extras import require
-from lab.cli.commands import Command, run_chosen
+from lab.cli.commands import Action, Command, add_commands, run_chosen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,10 +52,10 @@ _LEROBOT_CRF = 18
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill dataset``."""
-    actions = parser.add_subparsers(required=True, metavar="action")
-    Command(
-        "export", "for lerobot or robomimic", EXPORT, EXPORT_EXAMPLES, _export_options, _export
-    ).add_to(actions, "dataset")
+    export = Action(EXPORT, EXPORT_EXAMPLES, _export_options, _export)
+    add_commands(
+        parser, [Command("export", "for lerobot or robomimic", export)], "dataset", "action"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -221,11 +221,4 @@ def _tell(source: "Source", out: Path, form: str) -> None:
     print(out)
 
 
-COMMAND = Command(
-    "dataset",
-    "demonstrations for lerobot or robomimic",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

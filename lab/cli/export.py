@@ -1,4 +1,4 @@
-"""``trill export`` and ``trill view``: a log in the forms that robotics viewers draw."""
+"""``trill export`` and ``trill view``: convert a log for robotics viewers, or open it in one."""
 
 import argparse
 from collections.abc import Iterator
@@ -6,19 +6,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
 from deploy.system import LOG_FILE
+from lab.cli.commands import Action
 from lab.errors import LabError
+from lab.logs.paths import log_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from services.logger.export.convert import Summary
 
-EXPORT = """Convert a log to an MCAP file that robotics viewers draw: Foxglove, Rerun and anything
-else that knows ROS 2 and protobuf. The log itself holds the bytes of the wire (msgpack), which no
-viewer decodes.
+EXPORT = """Convert a log to an MCAP file for robotics viewers: Foxglove, Rerun and anything else
+that reads ROS 2 and protobuf. The log itself holds the bytes of the wire (msgpack), which viewers
+do not decode.
 
   joints       /joints/measured, /joints/commanded      sensor_msgs/msg/JointState
   images       /camera/left, /camera/right              sensor_msgs/msg/CompressedImage
@@ -29,32 +27,33 @@ viewer decodes.
   events       /events                                  foxglove.Log
   everything   under its own topic, field by field      trill.<Message>, to plot any number
 
-Times: log_time is the arrival at the logger, publish_time the sending, both moved from the
-recorder's monotonic clock to its wall clock as noted at the start of the log. The stamp inside a
-message is when its information was captured, on the same clock; robot time stays in the header of
-the trill.<Message>. Quaternions are x, y, z, w by name in poses; w, x, y, z in trill.<Message>.
+Times: log_time is the arrival at the logger and publish_time the sending, both converted from the
+recorder's monotonic clock to its wall clock. The stamp inside a message is when its information was
+captured, on the same clock; robot time stays in the header of the trill.<Message>. Poses name the
+parts of a quaternion; in trill.<Message> they are w, x, y, z.
 
-Works on logs cut off by a crash and on logs in several parts (log.mcap, log-2.mcap ...)."""
+Logs that are cut off by a crash, or are in several segments (log.mcap, log-2.mcap ...), are
+converted too."""
 EXPORT_EXAMPLES = """examples:
   trill export runs/20260131-120000                     writes log-exported.mcap beside the log
   trill export runs/20260131-120000 -o walk.mcap --force
   trill export log.mcap --topics 'camera/*' plant/state
 """
-VIEW = """Open a log in Rerun: robot in 3D, both eyes, set-points, joints, controller states,
+VIEW = """Open a log in Rerun: robot in 3D, both cameras, set-points, joints, controller states,
 errors, ages of the inputs and events on one time line. Needs Rerun: pip install 'trill[view]'
 (170 MB).
 
-The converted log is kept beside the log (log-view.rrd) and taken again next time. Rerun's usage
-statistics are off; in a browser the page is kept from talking to anyone but this machine."""
+The converted log is kept beside the log (log-view.rrd) and used again next time. Rerun's usage
+statistics are off; in a browser the page can communicate with this machine only."""
 VIEW_EXAMPLES = """examples:
-  trill view runs/20260131-120000                       a window, or without a display as --web
-  trill view runs/20260131-120000 --web --port 9090     the address to open is printed
-  ssh -L 9090:127.0.0.1:9090 robot                      to look from another machine
+  trill view runs/20260131-120000                       in a window; without a display as --web
+  trill view runs/20260131-120000 --web --port 9090     in a browser, at the address it prints
+  ssh -L 9090:127.0.0.1:9090 robot                      to view from another machine
 """
 _TABLE_INDENT = "  "
 
 
-def takes_export(parser: argparse.ArgumentParser) -> None:
+def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill export``."""
     _log_argument(parser)
     parser.add_argument(
@@ -65,55 +64,59 @@ def takes_export(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         default=[],
         metavar="TOPIC",
-        help="only these topics of the log, without the robot's name; * and ? stand for anything",
+        help="only these topics of the log, without the robot's name; * and ? are wildcards",
     )
     parser.add_argument("--force", action="store_true", help="replace an existing file")
 
 
 def export(arguments: argparse.Namespace) -> int:
-    """Convert a log; exit code 0 also if some topics were left out."""
-    log = _log_of(arguments.log)
+    """Convert a log; return exit code 0 also if some topics were left out."""
+    from lab.progress import ProgressBar
+
+    log = log_path(arguments.log)
     out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
-    with _extra("export"), _bar("converting") as progress:
+    with _extra("export"), ProgressBar("converting") as bar:
         from services.logger.export.convert import export_log
 
         summary = export_log(
-            log, out, topics=arguments.topics, force=arguments.force, progress=progress
+            log, out, topics=arguments.topics, force=arguments.force, on_progress=bar.show
         )
     print("\n".join(summary_lines(summary)))
     return 0
 
 
-def takes_view(parser: argparse.ArgumentParser) -> None:
+def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill view``."""
     _log_argument(parser)
+    parser.add_argument("--web", action="store_true", help="serve it to a browser on this machine")
+    parser.add_argument("--port", type=int, default=0, help="port for --web (any free one)")
     parser.add_argument(
-        "--web", action="store_true", help="serve to a browser on this machine, and say where"
+        "--fresh", action="store_true", help="convert again, even if the log is unchanged"
     )
-    parser.add_argument("--port", type=int, default=0, help="for --web (any free one)")
-    parser.add_argument("--fresh", action="store_true", help="convert again, also if unchanged")
 
 
 def view(arguments: argparse.Namespace) -> int:
-    """Open a log in Rerun; returns the viewer's exit code."""
-    log = _log_of(arguments.log)
+    """Open a log in Rerun; return the viewer's exit code."""
+    from lab.progress import ProgressBar
+
+    log = log_path(arguments.log)
     with _extra("view"):
         from services.logger.view import rerun
 
         rerun.require_rerun()
-        with _bar("converting") as progress:
-            prepared = rerun.prepare(log, fresh=arguments.fresh, progress=progress)
+        with ProgressBar("converting") as bar:
+            prepared = rerun.prepare(log, fresh=arguments.fresh, on_progress=bar.show)
         if prepared.summary is not None:
             print("\n".join(_remarks(prepared.summary)))
         print(f"recording      {prepared.path}")
         if arguments.web or not rerun.has_display():
-            rerun.show_in_browser(prepared.path, arguments.port, _tell_address)
+            rerun.show_in_browser(prepared.path, arguments.port, _print_address)
             return 0
         return rerun.show(prepared.path)
 
 
 def summary_lines(summary: "Summary") -> list[str]:
-    """What was written, from what, and what was left out and why."""
+    """Return what was written, from what, and what was left out and why."""
     written = summary.written
     width = max(len(topic) for topic in written)
     lines = [f"{_TABLE_INDENT}{topic:<{width}} {written[topic]:>8}" for topic in sorted(written)]
@@ -136,17 +139,13 @@ def _log_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", type=Path, metavar="LOG", help=f"{LOG_FILE}, or a run's directory")
 
 
-def _log_of(path: Path) -> Path:
-    return path / LOG_FILE if path.is_dir() else path
-
-
-def _tell_address(url: str) -> None:
+def _print_address(url: str) -> None:
     print(f"open           {url}\nCtrl-C ends it", flush=True)
 
 
 @contextmanager
 def _extra(name: str) -> Iterator[None]:
-    """Say which extra brings a missing library."""
+    """Name the extra that brings a missing library."""
     try:
         yield
     except ImportError as error:
@@ -156,10 +155,5 @@ def _extra(name: str) -> Iterator[None]:
         ) from error
 
 
-@contextmanager
-def _bar(text: str) -> "Iterator[Callable[[int, int], None]]":
-    with Progress(
-        TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn()
-    ) as bars:
-        task = bars.add_task(text, total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+EXPORT_ACTION = Action(EXPORT, EXPORT_EXAMPLES, add_export_arguments, export)
+VIEW_ACTION = Action(VIEW, VIEW_EXAMPLES, add_view_arguments, view)

@@ -12,7 +12,7 @@ from common.errors import ConfigError
 from common.links.config import ALIASES, LinkName, checked_spec
 from common.links.spec import PRESETS, LinkSpec
 from common.transport.config import bus_of, split_list
-from lab.cli.commands import Command, run_chosen
+from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.errors import LabError
 
 if TYPE_CHECKING:
@@ -62,27 +62,12 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill latency``."""
-    actions = parser.add_subparsers(required=True, metavar="action")
-    for command in ACTIONS:
-        command.add_to(actions, "latency")
+    add_commands(parser, COMMANDS, "latency", "action")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the subcommand; exit code 0, or 1 if a service refused."""
     return run_chosen(arguments, "latency")
-
-
-def add_latency_option(parser: argparse.ArgumentParser) -> None:
-    """Add ``--latency`` to a command that starts a system."""
-    parser.add_argument(
-        "--latency",
-        action="append",
-        default=[],
-        metavar="NAME=SPEC",
-        help="inject a delay, e.g. command=250ms or 'camera=normal(122ms, 190ms) loss=1%%', or "
-        "those of a TOML file's table [links]; may be given several times; see trill latency "
-        "--help. A task's own link holds unless links are given; 'none' switches it off",
-    )
 
 
 def _set_options(parser: argparse.ArgumentParser) -> None:
@@ -231,45 +216,42 @@ def _print_answers(answers: "Answers") -> int:
 
 
 _HOW = f"{_NAMES}\n\n{_SPECS}"
-ACTIONS = (
+COMMANDS = (
     Command(
         "show",
         "list the delays injected now",
-        "List every input of every service with its delay, requested and achieved.",
-        "",
-        _reach,
-        _show,
+        Action(
+            "List every input of every service with its delay, requested and achieved.",
+            "",
+            _reach,
+            _show,
+        ),
     ),
     Command(
         "set",
         "put a delay on links",
-        "Put a delay on links of a running system.",
-        _HOW,
-        _set_options,
-        _set,
+        Action("Put a delay on links of a running system.", _HOW, _set_options, _set),
     ),
     Command(
         "clear",
         "remove delays from links",
-        "Remove a delay, or all of them, configured ones included.",
-        "",
-        _clear_options,
-        _clear,
+        Action(
+            "Remove a delay, or all of them, configured ones included.",
+            "",
+            _clear_options,
+            _clear,
+        ),
     ),
     Command(
         "explain",
         "predict the delays of a specification",
-        "Predict, without any system, the delays that a specification yields at a message rate.",
-        _HOW,
-        _explain_options,
-        _explain,
+        Action(
+            "Predict, without any system, the delays that a specification yields at a message "
+            "rate.",
+            _HOW,
+            _explain_options,
+            _explain,
+        ),
     ),
 )
-COMMAND = Command(
-    "latency",
-    "inject latency, jitter and loss",
-    TEXT,
-    EXAMPLES,
-    add_arguments,
-    run,
-)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

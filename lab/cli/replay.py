@@ -1,28 +1,29 @@
-"""``trill replay``: a log's services again, or a log back on the bus."""
+"""``trill replay``: run a log's services again, or publish a log on the bus."""
 
 import argparse
 import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from deploy.system import LOG_FILE
+from lab.cli.commands import Action
+from lab.logs.paths import log_path
 
 TEXT = """Replay a log, in one of two ways.
 
-With --service or --check: run the recorded services again, each step on exactly the messages it
-took in then, and compare what they say with what they said, to the byte. It shows whether a change
-changes what the robot does, on real data, and where first.
+With --service or --check: run the recorded services again, each step on exactly the messages that
+it read then, and compare their outputs with the recorded ones, byte by byte. This shows on real
+data whether a change of the code changes what the robot does, and where first.
 
-Without: publish the log on the bus at the pace of the recording, with the recorded bytes, for
-viewers. It plays under another robot's name (draco3-replay), since a recorded command must never
-reach a live robot.
+Without: publish the recorded bytes on the bus at the pace of the recording, for viewers. They are
+published under another robot's name (draco3-replay), because a recorded command must never reach a
+live robot.
 
-Exit codes: 0 identical, or played to the end; 1 differing, or not followed to the end; 2 cannot be
-replayed: wrong options, or the log lacks what it takes. 130 after Ctrl-C while checking."""
+Exit codes: 0 identical, or published to the end; 1 different, or not replayed to the end; 2 cannot
+be replayed: wrong options, or the log lacks something; 130 after Ctrl-C while checking."""
 EXAMPLES = """examples:
-  trill replay runs/20260131-120000 --list                    what can be run again
+  trill replay runs/20260131-120000 --list                    what can be replayed
   trill replay runs/20260131-120000 --check                   all of it
-  trill replay log.mcap --service wbc --life 2                after its restart
+  trill replay log.mcap --service wbc --run 2                 after its restart
   trill replay log.mcap --service wbc --tolerance 1e-9        recorded on another kind of machine
   trill replay log.mcap --service wbc --set tasks.torso.kp=90 --out softer.mcap
   trill replay log.mcap                                       publish it
@@ -40,29 +41,35 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_seconds,
         default=0.0,
         metavar="S",
-        help="begin here [s]: of the recording; when checking, of the life, and "
-        "what comes before is replayed but not compared",
+        help="begin here [s] in the recording; when checking, in the run, whose earlier steps are "
+        "replayed but not compared",
     )
     parser.add_argument(
         "--until", dest="end", type=_seconds, default=float("inf"), metavar="S", help="end here [s]"
     )
-    check = parser.add_argument_group("run services again")
-    check.add_argument("--list", action="store_true", help="show the lives in the log, no more")
-    check.add_argument("--check", action="store_true", help="compare; all services if none named")
+    _add_check_arguments(parser.add_argument_group("run services again"))
+    _add_publish_arguments(parser.add_argument_group("publish"))
+
+
+def _add_check_arguments(check: argparse._ArgumentGroup) -> None:
+    check.add_argument("--list", action="store_true", help="only list the service runs in the log")
+    check.add_argument(
+        "--check", action="store_true", help="compare outputs; of all services if none is named"
+    )
     check.add_argument(
         "--service",
         action="append",
         default=[],
-        help="this one; may be given several times",
+        help="replay this service; may be given several times",
     )
-    check.add_argument("--life", type=int, metavar="N", help="the Nth life only (all)")
+    check.add_argument("--run", type=int, metavar="N", help="only the Nth run of a service (all)")
     check.add_argument(
         "--tolerance",
         type=_seconds,
         default=0.0,
         metavar="X",
-        help="accept numbers that differ by this, relative to the field's largest "
-        "(0: not by a bit); other processors round otherwise",
+        help="accept numbers that differ by this, relative to the field's largest (0: exactly "
+        "equal); other processors round differently",
     )
     check.add_argument(
         "--set",
@@ -70,56 +77,60 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="KEY=VALUE",
-        help="change the service's settings: what would it have done?",
+        help="change a setting of the service before",
     )
-    check.add_argument("--out", type=Path, metavar="FILE", help="write what they say to this log")
+    check.add_argument("--out", type=Path, metavar="FILE", help="write the outputs to this log")
     check.add_argument(
         "--verbose",
         action="store_true",
         help="show every field that differs, and what the services log",
     )
-    play = parser.add_argument_group("publish")
-    play.add_argument("--speed", type=_positive, default=1.0, help="of the recording's (1)")
-    play.add_argument("--loop", action="store_true", help="over and over, until Ctrl-C")
+
+
+def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
+    play.add_argument(
+        "--speed", type=_positive, default=1.0, help="times that of the recording (1)"
+    )
+    play.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
     play.add_argument(
         "--topics",
         type=_names,
         default=(),
         metavar="NAMES",
-        help="only these, by commas; camera/* for several (all)",
+        help="only these, separated by commas, e.g. camera/* (all)",
     )
     play.add_argument(
         "--as",
         dest="robot",
         metavar="ROBOT",
-        help="under this robot's name (the recorded one and -replay); refused if "
-        "somebody of that name is on the bus",
+        help="publish as this robot (<recorded name>-replay); refused if a robot of that name is "
+        "on the bus",
     )
-    play.add_argument("--base-port", type=int, help="of the bus (7448, or TRILL_BASE_PORT)")
+    play.add_argument("--base-port", type=int, help="port of the bus (7448, or TRILL_BASE_PORT)")
     play.add_argument(
         "--connect",
         type=_names,
         metavar="ENDPOINTS",
-        help="join there as a client instead, e.g. tcp/192.0.2.7:7447",
+        help="connect as a client instead, e.g. to tcp/192.0.2.7:7447",
     )
     play.add_argument("--config", type=Path, help="TOML file for the whole stack")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what the options say; returns the exit code."""
+    """Replay or publish a log; return the exit code."""
     if arguments.end <= arguments.start:
         raise ConfigError(
             f"expected --until after --from, got {arguments.end:g} and {arguments.start:g}"
         )
-    # Only now: these bring much with them, which no other command should wait for.
+    # These imports take long; other commands should not wait for them.
     if not (arguments.check or arguments.service or arguments.list):
-        _refuse_given(arguments, ("life", "tolerance", "settings", "out"), "needs --service")
+        _refuse_given(arguments, ("run", "tolerance", "settings", "out"), "needs --service")
         from lab.logs.playback import PlayOptions, play
 
         return play(log_path(arguments.log), PlayOptions.from_arguments(arguments))
     _refuse_given(arguments, ("loop", "topics", "robot", "connect"), "is for publishing only")
     from lab.logs.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
-    from lab.logs.replay_report import check, show_lives
+    from lab.logs.replay_report import check, show_runs
 
     unknown = set(arguments.service) - SERVICES.keys() - UNREPLAYABLE.keys()
     if unknown:
@@ -128,10 +139,10 @@ def run(arguments: argparse.Namespace) -> int:
         )
     try:
         if arguments.list:
-            return show_lives(log_path(arguments.log))
+            return show_runs(log_path(arguments.log))
         options = CheckOptions(
             tuple(dict.fromkeys(arguments.service)),
-            arguments.life,
+            arguments.run,
             arguments.tolerance,
             (arguments.start, arguments.end),
             parse_settings(arguments.settings),
@@ -142,11 +153,6 @@ def run(arguments: argparse.Namespace) -> int:
     except TrillError as error:
         print(f"trill replay: {error}", file=sys.stderr)
         return 2
-
-
-def log_path(given: Path) -> Path:
-    """The log itself, given it or its run's directory."""
-    return given / LOG_FILE if given.is_dir() else given
 
 
 def _refuse_given(arguments: argparse.Namespace, names: tuple[str, ...], why: str) -> None:
@@ -171,4 +177,9 @@ def _positive(text: str) -> float:
 
 
 def _names(text: str) -> tuple[str, ...]:
-    return tuple(part.strip() for part in text.split(",") if part.strip())
+    from common.transport.config import split_list
+
+    return split_list(text)
+
+
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from common.errors import ConfigError
 from deploy.extras import require
 from lab.cli import study_human
-from lab.cli.commands import Command, run_chosen
+from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.trials import options
 
 if TYPE_CHECKING:
@@ -57,9 +57,7 @@ LATENCY_EXAMPLES = f"""examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill study``."""
-    commands = parser.add_subparsers(required=True, metavar="study")
-    for command in (LATENCY_COMMAND, *study_human.commands(ROOT)):
-        command.add_to(commands, "study")
+    add_commands(parser, (LATENCY_COMMAND, *study_human.commands(ROOT)), "study", "study")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -189,9 +187,6 @@ def _report(store: "Store") -> int:
 LATENCY_COMMAND = Command(
     "latency",
     "completion time and success under latency",
-    LATENCY,
-    LATENCY_EXAMPLES,
-    _latency_options,
-    _latency,
+    Action(LATENCY, LATENCY_EXAMPLES, _latency_options, _latency),
 )
-COMMAND = Command("study", "what latency does to an operator", TEXT, EXAMPLES, add_arguments, run)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
 from deploy.system import LOG_FILE
-from lab.cli.commands import Command
+from lab.cli.commands import Action, Command
 
 if TYPE_CHECKING:
     from lab.studies.latency.plan import Plan
@@ -51,18 +51,12 @@ def commands(root: Path) -> tuple[Command, Command]:
         Command(
             "add",
             "take in a person's trials from a log",
-            ADD,
-            ADD_EXAMPLES,
-            lambda parser: _add_options(parser, root),
-            _add,
+            Action(ADD, ADD_EXAMPLES, lambda parser: _add_options(parser, root), _add),
         ),
         Command(
             "tlx",
             "ask a person for the workload",
-            TLX,
-            TLX_EXAMPLES,
-            lambda parser: _tlx_options(parser, root),
-            _tlx,
+            Action(TLX, TLX_EXAMPLES, lambda parser: _tlx_options(parser, root), _tlx),
         ),
     )
 

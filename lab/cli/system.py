@@ -3,14 +3,16 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
-from deploy.launch import Ended
 from deploy.process import Restart
 from deploy.system import SystemOptions
-from lab.cli import latency
-from lab.cli.commands import Command
+from lab.cli.commands import Action
+
+if TYPE_CHECKING:
+    from deploy.launch import RunResult
 
 DEMO = """Start the whole system and watch it in a live table until the operator's script ends.
 Plant, cameras, whole-body controller, scripted operator and logger are separate processes that talk
@@ -27,7 +29,7 @@ service, a failed script or a timeout."""
 DEMO_EXAMPLES = """examples:
   trill demo                          takes about a minute and a half, then draws the pictures
   trill demo --no-video               saves the video, which takes about as long as the run
-  trill demo --mode rated             uses the torque limits of the real motors
+  trill demo --torque-mode rated      uses the torque limits of the real motors
   trill demo --script random          plays another script: stand, gaits or your own JSON file
   trill demo --seconds 20             ends after 20 seconds
   trill demo --task door/unlock --seed 7                does a scored task; see: trill tasks
@@ -63,12 +65,11 @@ def bus_options(parser: argparse.ArgumentParser, port: str) -> None:
 
 def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--mode",
+        "--torque-mode",
         choices=["relaxed", "rated"],
-        default="relaxed",
         help="torque limits of plant and controller: relaxed adds 200 N·m to the legs, as the "
         "public TRILL simulation does; rated keeps those of the URDF, with which the robot stands "
-        "taller and walks more slowly (default: relaxed)",
+        "taller and walks more slowly (default: the configuration's, else relaxed)",
     )
     parser.add_argument("--no-cameras", action="store_true", help="start no cameras")
     parser.add_argument(
@@ -77,11 +78,19 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seed",
         type=int,
-        default=0,
-        help="seed of sensor noise, the task's start and the synthetic operator (default: 0)",
+        help="seed of sensor noise, the task's start and the synthetic operator (default: the "
+        "configuration's, else 0)",
     )
     bus_options(parser, "first port of the system (default: a free block of ports is found)")
-    latency.add_latency_option(parser)
+    parser.add_argument(
+        "--latency",
+        action="append",
+        default=[],
+        metavar="NAME=SPEC",
+        help="inject a delay, e.g. command=250ms or 'camera=normal(122ms, 190ms) loss=1%%', or "
+        "those of a TOML file's table [links]; may be given several times; see trill latency "
+        "--help. A task's own link holds unless links are given; 'none' switches it off",
+    )
 
 
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
@@ -109,7 +118,7 @@ def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOp
 
     task_links = {} if arguments.task is None else _links_of(arguments.task)
     return SystemOptions(
-        mode=arguments.mode,
+        torque_mode=arguments.torque_mode,
         cameras=not arguments.no_cameras,
         record=not getattr(arguments, "no_record", False),
         config=arguments.config,
@@ -177,14 +186,19 @@ def _up(arguments: argparse.Namespace) -> int:
     return _finish(ended, arguments, pictures=False, video=False)
 
 
-def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, video: bool) -> int:
+def _finish(
+    ended: "RunResult", arguments: argparse.Namespace, *, pictures: bool, video: bool
+) -> int:
     """Sum up a run; the exit code is 0 only if it was completed."""
     from lab.review.report import finish
 
     if ended.verdict.outcome != "completed":
         # Before the log is read: if there is none, this is the reason.
         print(f"trill: {ended.verdict.outcome}: {ended.verdict.reason}", file=sys.stderr)
-    settings = {"mode": arguments.mode, "config": str(arguments.config or "")}
+    settings = {
+        "torque_mode": arguments.torque_mode or "as configured",
+        "config": str(arguments.config or ""),
+    }
     summary = finish(ended, settings, pictures=pictures, video=video)
     if summary.outcome == "completed":
         return 0
@@ -192,12 +206,6 @@ def _finish(ended: Ended, arguments: argparse.Namespace, *, pictures: bool, vide
     return 1
 
 
-COMMANDS = (
-    Command(
-        "demo", "run a script or a task and report", DEMO, DEMO_EXAMPLES, _demo_arguments, _demo
-    ),
-    Command(
-        "drive", "control the robot with your keys", DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive
-    ),
-    Command("up", "start the robot without an operator", UP, UP_EXAMPLES, _up_arguments, _up),
-)
+DEMO_ACTION = Action(DEMO, DEMO_EXAMPLES, _demo_arguments, _demo)
+DRIVE_ACTION = Action(DRIVE, DRIVE_EXAMPLES, _drive_arguments, _drive)
+UP_ACTION = Action(UP, UP_EXAMPLES, _up_arguments, _up)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from common.errors import ConfigError
 from deploy.extras import require
-from lab.cli.commands import Command
+from lab.cli.commands import Action
 
 TEXT = """List the scored tasks: the goal, the time limit and the rule of success. With the name of
 a task, show everything about it: stages, reasons to end, desired contacts, and the origin of its
@@ -57,4 +57,4 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-COMMAND = Command("tasks", "describe the scored tasks", TEXT, EXAMPLES, add_arguments, run)
+ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from deploy.launch import Ended, Verdict, running_system
+from deploy.launch import RunResult, Verdict, running_system
 from deploy.process import Exit
 from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
 from lab.live.loop import Exits, show_until_verdict
@@ -93,7 +93,7 @@ class ScriptJudge:
         return f"at step {status.step} of {status.steps} of the script: {label}"
 
 
-def run_demo(options: DemoOptions) -> Ended:
+def run_demo(options: DemoOptions) -> RunResult:
     """Start the whole system, show it until the verdict and stop it.
 
     Raises:
@@ -103,7 +103,7 @@ def run_demo(options: DemoOptions) -> Ended:
     """
     task, judge = options.system.task, _judge(options)
     if isinstance(judge, TaskJudge) and task is not None:
-        operator = synthetic_operator(task, options.system.seed)
+        operator = synthetic_operator(task, options.system.seed or 0)
     else:
         script = options.script or DEMONSTRATION
         script_named(script, ScriptOptions())
@@ -116,7 +116,7 @@ def run_demo(options: DemoOptions) -> Ended:
         verdict = show_until_verdict(
             running, monitor, "trill demo", judge.verdict, live=options.live
         )
-    return Ended(running.run_dir, verdict)
+    return RunResult(running.run_dir, verdict)
 
 
 def _judge(options: DemoOptions) -> ScriptJudge | TaskJudge:

@@ -2,7 +2,7 @@
 
 import time
 
-from deploy.launch import Ended, Verdict, running_system
+from deploy.launch import RunResult, Verdict, running_system
 from deploy.system import SystemOptions, keyboard_operator, terminal
 from lab.errors import LabError
 from lab.live.loop import essential_exit, show_until_verdict
@@ -10,7 +10,7 @@ from lab.live.new_trials import TrialStarter
 from lab.monitor.monitor import POLL_PERIOD, monitored
 
 
-def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:
+def run_drive(options: SystemOptions, base_port: int | None = None) -> RunResult:
     """Run the robot with the keyboard operator in this terminal until the person leaves.
 
     Raises:
@@ -31,10 +31,10 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> Ended:
                 verdict = over
                 break
             time.sleep(POLL_PERIOD)
-    return Ended(running.run_dir, verdict)
+    return RunResult(running.run_dir, verdict)
 
 
-def run_up(options: SystemOptions, base_port: int | None = None) -> Ended:
+def run_up(options: SystemOptions, base_port: int | None = None) -> RunResult:
     """Run the robot's side with the live table until Ctrl-C.
 
     Operators come and go by themselves. With a task, a new operator begins a new trial.
@@ -53,4 +53,4 @@ def run_up(options: SystemOptions, base_port: int | None = None) -> Ended:
             lambda _elapsed, _view, exits: essential_exit(exits),
             on_snapshot=starter.update,
         )
-    return Ended(running.run_dir, verdict)
+    return RunResult(running.run_dir, verdict)

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 
-from deploy.launch import Running, Verdict
+from deploy.launch import RunningSystem, Verdict
 from deploy.process import Exit
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import POLL_PERIOD, BusMonitor, Screen
@@ -15,7 +15,7 @@ Judge = Callable[[float, Snapshot, Exits], Verdict | None]
 
 
 def show_until_verdict(
-    running: Running,
+    running: RunningSystem,
     monitor: BusMonitor,
     command: str,
     judge: Judge,

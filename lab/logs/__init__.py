@@ -1,1 +1,1 @@
-"""What is done with logs: marks, ledgers, replays, playing them back."""
+"""Episode marks, latency breakdown, replay and playback of logs."""

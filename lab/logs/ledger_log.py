@@ -1,7 +1,6 @@
-"""The latency ledger of a whole log or a span of it."""
+"""Computes the latency breakdown of a whole log or a span of it, and renders it."""
 
 import csv
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
@@ -18,23 +17,23 @@ from common.topics import HEALTH, JOURNAL, LINK_CHANGE
 from common.wire.codec import decode
 from lab.errors import LabError
 from lab.monitor.ledger_text import LEGEND, add_stages, plain_table, stage_cells, styled
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 
 _SCHEMAS: dict[str, Any] = {
     JOURNAL.name: StepJournal, HEALTH.name: ServiceHealth, LINK_CHANGE.name: LinkChange,
 }  # fmt: skip
-_FATES = (Take.STALE, Take.LATE, Take.REFUSED, Take.LOST)
+_UNUSED = (Take.STALE, Take.LATE, Take.REFUSED, Take.LOST)
 
 
 @dataclass(frozen=True)
 class LedgerTable:
-    """What the journals of a log say.
+    """Latency breakdown of a log.
 
     Attributes:
-        inputs: every input of every service.
-        links: every delay that was injected.
-        seconds: how long the log is, or the span looked at.
-        unreadable: messages that could not be used.
+        inputs: a row for every input of every service.
+        links: a row for every injected delay.
+        seconds: length of the log, or of the span [s].
+        unreadable: number of messages that could not be used.
     """
 
     inputs: tuple[LedgerRow, ...]
@@ -43,39 +42,32 @@ class LedgerTable:
     unreadable: int
 
 
-def ledger_table(
-    log: LogReader,
-    begin: float = 0.0,
-    end: float = inf,
-    progress: Callable[[int], None] = lambda _ns: None,
-) -> LedgerTable:
-    """Read the ledger off a log.
+def ledger_table(log: LogReader, begin: float = 0.0, end: float = inf) -> LedgerTable:
+    """Compute the latency breakdown of a log.
 
     Args:
-        log: to read through.
-        begin: from here; from the log's first message [s].
-        end: to here [s].
-        progress: called now and then with how much of the log was read [ns].
+        log: the log, which is read through.
+        begin: start of the span, since the log's first message [s].
+        end: end of the span [s].
 
     Raises:
-        LoggerError: it cannot be read.
-        LabError: nothing in it says what services took in.
+        LoggerError: the log cannot be read.
+        LabError: no journal in it lists inputs of services.
     """
     ledger = Ledger()
     unreadable = first_ns = last_ns = 0
-    for entry in log.entries():
-        first_ns = first_ns or entry.log_time
-        last_ns = max(last_ns, entry.log_time)
-        if entry.topic is None or entry.topic.name not in _SCHEMAS:
+    for raw in log.raw_messages():
+        first_ns = first_ns or raw.log_time
+        last_ns = max(last_ns, raw.log_time)
+        if raw.topic is None or raw.topic.name not in _SCHEMAS:
             continue
-        progress(entry.log_time - first_ns)
         try:
-            message = decode(entry.payload, _SCHEMAS[entry.topic.name], entry.tag or None)
+            message = decode(raw.payload, _SCHEMAS[raw.topic.name], raw.tag or None)
         except SchemaError:
             unreadable += 1
             continue
         if isinstance(message, StepJournal):
-            ledger.add(message, *_span(entry, first_ns, begin, end))
+            ledger.add(message, *_span(raw, first_ns, begin, end))
         elif isinstance(message, ServiceHealth):
             ledger.note_health(message)
         elif isinstance(message, LinkChange):
@@ -83,20 +75,19 @@ def ledger_table(
     rows = tuple(ledger.rows())
     if not rows:
         raise LabError(
-            f"{log.path} has no ledger: expected journals of services (topic {JOURNAL.name}) with "
-            "what they took in, got none in this span; logs made before there were journals have "
-            "none"
+            f"{log.path} has no ledger: expected journals of services (topic {JOURNAL.name}) that "
+            "list their inputs, got none in this span"
         )
     seconds = min(1e-9 * (last_ns - first_ns), end) - begin
     return LedgerTable(rows, tuple(ledger.links()), seconds, unreadable + ledger.unreadable)
 
 
-def _span(entry: Entry, first_ns: int, begin: float, end: float) -> tuple[int, int]:
-    """The span on the consumer's clock, by the message that brought its journal.
+def _span(raw: RecordedMessage, first_ns: int, begin: float, end: float) -> tuple[int, int]:
+    """Return the span on the consumer's clock, from the times of the message with its journal.
 
-    That the message itself was under way for a millisecond or so does not matter here.
+    The transport time of that message, about a millisecond, is neglected.
     """
-    ahead = entry.publish_time - entry.log_time
+    ahead = raw.publish_time - raw.log_time
     far = 2**62
     return (
         first_ns + round(1e9 * begin) + ahead if begin > 0.0 else -far,
@@ -105,7 +96,7 @@ def _span(entry: Entry, first_ns: int, begin: float, end: float) -> tuple[int, i
 
 
 def render(table: LedgerTable, title: str) -> RenderableType:
-    """Show it to a person."""
+    """Return the table for a terminal."""
     ledger = plain_table()
     ledger.add_column("topic > consumer", no_wrap=True)
     ledger.add_column("used", justify="right", no_wrap=True)
@@ -118,9 +109,9 @@ def render(table: LedgerTable, title: str) -> RenderableType:
         Text(LEGEND, style="dim"),
         ledger,
     ]
-    fates = [text for row in table.inputs if (text := _fates(row))]
-    if fates:
-        parts.append(Text("not used: " + "; ".join(fates), style="yellow"))
+    unused = [text for row in table.inputs if (text := _unused(row))]
+    if unused:
+        parts.append(Text("not used: " + "; ".join(unused), style="yellow"))
     if table.links:
         parts += [Text(""), _links(table.links)]
     if table.unreadable:
@@ -132,7 +123,7 @@ def _links(rows: tuple[LinkRow, ...]) -> RenderableType:
     links = plain_table()
     links.add_column("injected delay", no_wrap=True)
     links.add_column("link")
-    for name in ("asked ms", "p99", "done ms", "p99", "passed", "lost"):
+    for name in ("requested ms", "p99", "achieved ms", "p99", "passed", "lost"):
         links.add_column(name, justify="right", no_wrap=True)
     for row in rows:
         links.add_row(
@@ -150,14 +141,14 @@ def _links(rows: tuple[LinkRow, ...]) -> RenderableType:
     return links
 
 
-def _fates(row: LedgerRow) -> str:
-    counts = {kind: row.counts[kind] for kind in _FATES if row.counts.get(kind)}
+def _unused(row: LedgerRow) -> str:
+    counts = {kind: row.counts[kind] for kind in _UNUSED if row.counts.get(kind)}
     words = ", ".join(f"{count} {kind.name.lower()}" for kind, count in counts.items())
     return f"{row.topic} > {row.consumer} {words}" if words else ""
 
 
 def write_csv(path: Path, table: LedgerTable) -> None:
-    """Write a row for each input and stage, in seconds.
+    """Write a row for each input and stage, times in seconds.
 
     Raises:
         LabError: the file cannot be written.

@@ -1,36 +1,36 @@
-"""A log's table of contents, for a person."""
+"""Formats the summary of a log, and the result of a repair, for a person or as JSON."""
 
 import time
 from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
-from services.logger.read.counts import total
+from services.logger.read.delivery import total
 from services.logger.read.episodes import Episode
-from services.logger.read.info import LogInfo, PartInfo, TopicInfo
+from services.logger.read.info import LogInfo, SegmentInfo, TopicInfo
 from services.logger.record.units import format_duration, format_size
-from services.logger.repair.repair import Repair
+from services.logger.repair.repair import RepairResult
 
 _MAX_LINKS = 20
 
 
 def info_lines(info: LogInfo) -> list[str]:
-    """Everything ``trill info`` prints, section by section."""
+    """Return everything that ``trill info`` prints, section by section."""
     sections = [_head(info), _services(info), _topics(info), _episodes(info), _links(info)]
     lines = [line for section in sections if section for line in (*section, "")]
     return lines[:-1]
 
 
 def as_json(info: LogInfo) -> dict[str, Any]:
-    """The same for a program."""
+    """Return the same as JSON values."""
     return {
-        "parts": [asdict(part) | {"path": str(part.path)} for part in info.parts],
+        "segments": [asdict(one) | {"path": str(one.path)} for one in info.segments],
         "whole": info.whole,
         "topics": [
             asdict(one) | {"rate": one.rate, "sent": one.count.sent, "missing": one.count.missing}
             for one in info.topics
         ],
-        "services": info.lives,
+        "services": info.boots,
         "episodes": [asdict(one) for one in info.episodes],
         "links": [
             {"at_ns": one.at_ns, **one.change.model_dump(exclude={"header"})} for one in info.links
@@ -38,40 +38,40 @@ def as_json(info: LogInfo) -> dict[str, Any]:
     }
 
 
-def repair_lines(done: Repair) -> list[str]:
-    """What became of one file."""
+def repair_lines(done: RepairResult) -> list[str]:
+    """Return what the repair of one file found and did."""
     if not done.fault:
-        if done.result != done.path:
-            return [f"{done.path} is whole; copied to {done.result}"]
+        if done.output != done.path:
+            return [f"{done.path} is whole; copied to {done.output}"]
         return [f"{done.path} is whole; nothing was changed"]
     losses = done.losses
-    lines = [f"{done.path}: {done.fault}", f"  saved {done.messages} messages to {done.result}"]
+    lines = [f"{done.path}: {done.fault}", f"  saved {done.messages} messages to {done.output}"]
     if losses.partial_messages:
         lines.append(f"  {losses.partial_messages} of them from a chunk that was cut off")
-    if losses.damaged_chunks or losses.skipped or done.unknown:
+    if losses.damaged_chunks or losses.unreadable_bytes or done.unknown:
         lines.append(
-            f"  not readable: {losses.damaged_chunks} damaged chunks, {losses.skipped} bytes "
-            f"without meaning, {done.unknown} messages of unknown topics"
+            f"  not readable: {losses.damaged_chunks} damaged chunks, {losses.unreadable_bytes} "
+            f"other bytes, {done.unknown} messages of unknown topics"
         )
     count = total(done.report)
-    lines.append(f"  account: {count.sent} sent, {count.missing} of them missing")
+    lines.append(f"  delivery: {count.sent} sent, {count.missing} of them missing")
     if done.kept is not None:
         lines.append(f"  the broken file is kept as {done.kept}")
     return lines
 
 
 def _head(info: LogInfo) -> list[str]:
-    first, last = info.parts[0], info.parts[-1]
+    first, last = info.segments[0], info.segments[-1]
     origin = info.origin
-    size = sum(part.size for part in info.parts)
-    messages = sum(part.messages for part in info.parts)
+    size = sum(one.size for one in info.segments)
+    messages = sum(one.messages for one in info.segments)
     lines = [
         f"robot      {origin.get('robot', 'not known')}, recorded on "
         f"{origin.get('host', 'an unknown host')}",
         f"start      {_wall(first, first.start_ns)}",
         f"end        {_wall(last, last.end_ns)}",
         f"duration   {format_duration(_seconds(info))}  ({messages} messages, {format_size(size)})",
-        "file       " + "\n           ".join(_part_line(part) for part in info.parts),
+        "file       " + "\n           ".join(_segment_line(one) for one in info.segments),
     ]
     chosen = [f"{n} {origin[n]}" for n in ("topics", "exclude") if origin.get(n)]
     if chosen:
@@ -79,21 +79,21 @@ def _head(info: LogInfo) -> list[str]:
     return lines
 
 
-def _part_line(part: PartInfo) -> str:
-    if part.whole:
-        state = "whole, repaired" if part.repaired else "whole"
-    elif part.open:
+def _segment_line(segment: SegmentInfo) -> str:
+    if segment.whole:
+        state = "whole, repaired" if segment.repaired else "whole"
+    elif segment.open:
         state = "being recorded"
     else:
-        state = "CUT OFF OR DAMAGED: trill repair makes it whole"
-    return f"{part.path}  {format_size(part.size)}, {part.messages} messages, {state}"
+        state = "CUT OFF OR DAMAGED: trill repair saves it"
+    return f"{segment.path}  {format_size(segment.size)}, {segment.messages} messages, {state}"
 
 
 def _services(info: LogInfo) -> list[str]:
-    if not info.lives:
+    if not info.boots:
         return []
     lines = ["services"]
-    for source, boots in sorted(info.lives.items()):
+    for source, boots in sorted(info.boots.items()):
         again = f", started {len(boots)} times" if len(boots) > 1 else ""
         lines.append(f"  {source or '(unnamed)'}: boot {', '.join(map(_boot, boots))}{again}")
     return lines
@@ -118,7 +118,7 @@ def _topics(info: LogInfo) -> list[str]:
         f"dropped by the logger {count.dropped}"
         + (f"; {count.repeated} came twice" if count.repeated else "")
         + (f"; {count.late} came late" if count.late else "")
-        + (f"; {count.earlier} sent before the recorder heard" if count.earlier else "")
+        + (f"; {count.earlier} sent before the recorder could hear them" if count.earlier else "")
     )
     return lines
 
@@ -134,9 +134,9 @@ def _topic_line(topic: TopicInfo, width: int) -> str:
 def _episodes(info: LogInfo) -> list[str]:
     if not info.episodes:
         return []
-    begin = info.parts[0].start_ns
+    begin = info.segments[0].start_ns
     lines = [f"{'episode':>7} {'start':>9} {'length':>9}  {'outcome':<11} label"]
-    lines += [_episode_line(one, begin, info.parts[-1].end_ns) for one in info.episodes]
+    lines += [_episode_line(one, begin, info.segments[-1].end_ns) for one in info.episodes]
     return lines
 
 
@@ -149,7 +149,7 @@ def _episode_line(one: Episode, begin_ns: int, end_ns: int) -> str:
 def _links(info: LogInfo) -> list[str]:
     if not info.links:
         return []
-    begin = info.parts[0].start_ns
+    begin = info.segments[0].start_ns
     lines = ["injected links"]
     for link in info.links[:_MAX_LINKS]:
         change = link.change
@@ -164,14 +164,14 @@ def _links(info: LogInfo) -> list[str]:
 
 
 def _seconds(info: LogInfo) -> float:
-    spans: Iterable[int] = (part.end_ns - part.start_ns for part in info.parts)
-    # Two parts of a machine that was started again in between have clocks of their own.
-    begin, end = info.parts[0].start_ns, info.parts[-1].end_ns
+    spans: Iterable[int] = (one.end_ns - one.start_ns for one in info.segments)
+    # Segments of a machine that was restarted in between have different monotonic clocks.
+    begin, end = info.segments[0].start_ns, info.segments[-1].end_ns
     return 1e-9 * (end - begin if end >= begin else sum(spans))
 
 
-def _wall(part: PartInfo, at_ns: int) -> str:
-    wall = part.wall_ns(at_ns)
+def _wall(segment: SegmentInfo, at_ns: int) -> str:
+    wall = segment.wall_ns(at_ns)
     if not wall or not at_ns:
         return "not known"
     return time.strftime("%Y-%m-%d %H:%M:%S %z", time.localtime(1e-9 * wall))

@@ -1,4 +1,4 @@
-"""Marks episodes in a running recording, and makes sure that they have been recorded."""
+"""Marks episodes in a running recording and waits until every recorder has the mark."""
 
 import time
 from collections.abc import Callable
@@ -14,22 +14,22 @@ from services.logger.record.attach import find_robot
 from services.logger.record.episode_queries import EpisodeQueryState, ask
 
 SERVICE = "mark"
-PATIENCE_S = 8.0
+TIMEOUT_S = 8.0
 _AGAIN_S = 0.1
 _RESEND_S = 1.0
 
 
 def mark(bus: BusConfig, action: EpisodeAction, label: str = "") -> str:
-    """Mark the start or end of an episode on ``bus``; returns what happened, in words.
+    """Mark the start or end of an episode on ``bus``; return a sentence about what happened.
 
-    The number is the next after the highest that any recorder of the robot has seen; ``end`` and
-    ``discard`` mean the episode that is running. The mark is repeated until every recorder has
-    it, which changes nothing for those that do.
+    A start gets the number after the highest that any recorder of the robot has seen; ``end`` and
+    ``discard`` apply to the running episode. The mark is repeated until every recorder has it; a
+    repeated mark changes nothing.
 
     Raises:
         BusError: the bus cannot be opened.
         LoggerError: no robot is found, or several.
-        LabError: nobody records, nothing is running, or a recorder did not take the mark.
+        LabError: no recorder answers, no episode is running, or a recorder lacks the mark.
     """
     session: Any = open_session(bus, SERVICE)
     try:
@@ -37,7 +37,7 @@ def mark(bus: BusConfig, action: EpisodeAction, label: str = "") -> str:
         if bus.mode == "client" and "robot" not in bus.model_fields_set:
             robot = find_robot(session, ", ".join(bus.connect_endpoints(SERVICE)))
         states = _recorders(session, robot)
-        number, text = _plan(states, action, label)
+        number, text = _next_mark(states, action, label)
         publisher = Publisher(session, robot, EPISODE, SERVICE, new_boot_id())
         _send(
             lambda: publisher.send(EpisodeMark(episode=number, action=action, label=label)),
@@ -50,7 +50,7 @@ def mark(bus: BusConfig, action: EpisodeAction, label: str = "") -> str:
 
 
 def _recorders(session: Any, robot: str) -> list[EpisodeQueryState]:
-    give_up = time.monotonic() + PATIENCE_S
+    give_up = time.monotonic() + TIMEOUT_S
     while True:
         states = ask(session, robot)
         if states:
@@ -63,8 +63,10 @@ def _recorders(session: Any, robot: str) -> list[EpisodeQueryState]:
         time.sleep(_AGAIN_S)
 
 
-def _plan(states: list[EpisodeQueryState], action: EpisodeAction, label: str) -> tuple[int, str]:
-    """Which episode the mark is about, and what it does."""
+def _next_mark(
+    states: list[EpisodeQueryState], action: EpisodeAction, label: str
+) -> tuple[int, str]:
+    """Return the number of the marked episode and a description of what the mark does."""
     running = [(s.open_number, s.open_label) for s in states if s.open_number is not None]
     named = f" ({label})" if label else ""
     if action is EpisodeAction.START:
@@ -84,15 +86,15 @@ def _lacking(
     action: EpisodeAction,
     number: int,
 ) -> list[str]:
-    """The recorders that have not taken the mark yet."""
+    """Return the paths of the recorders that do not have the mark yet."""
     starts = action is EpisodeAction.START
     done = {s.path for s in now if (s.open_number == number) is starts}
     return sorted({state.path for state in before} - done)
 
 
 def _send(send: Callable[[], object], lacking: Callable[[], list[str]]) -> None:
-    """Send until no recorder lacks the mark."""
-    give_up = time.monotonic() + PATIENCE_S
+    """Send the mark until no recorder lacks it."""
+    give_up = time.monotonic() + TIMEOUT_S
     resend_at = 0.0
     while missing := lacking():
         now = time.monotonic()

@@ -1,7 +1,7 @@
-"""Publishes a log back on the bus: the recorded bytes at the recorded pace, for viewers.
+"""Publishes a log on the bus, the recorded bytes at the recorded pace, for viewers.
 
-A recorded command must never reach a live robot. So everything goes out under another robot's
-name, and under any name only if nobody of that name is heard on the bus, before and meanwhile.
+A recorded command must never reach a live robot. Therefore everything is published under another
+robot's name, and only while no other publisher of that name is heard on the bus.
 """
 
 import argparse
@@ -13,8 +13,6 @@ from pathlib import Path
 from typing import Any, Self
 
 import zenoh
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from common.errors import ConfigError
 from common.topics import ALL_TOPICS, Priority
@@ -24,14 +22,15 @@ from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
 from deploy.process import terminated_as_interrupted
 from lab.errors import LabError
-from services.logger.read.reader import Entry, LogReader
+from lab.progress import ProgressBar
+from services.logger.read.info import read_info
+from services.logger.read.reader import LogReader, RecordedMessage
 
 SERVICE = "replay"
-"""Its place in the port table."""
+"""Name in the port table."""
 SUFFIX = "-replay"
 LISTENING = 1.5
-"""Time in which a live robot of the chosen name would be heard; its services report twice a
-second [s]."""
+"""Time to listen for a live robot of the chosen name; its services report twice a second [s]."""
 _LATE = 0.05
 _LONGEST_SLEEP = 0.1
 
@@ -41,11 +40,11 @@ class PlayOptions:
     """What to publish and where.
 
     Attributes:
-        bus: where; its robot's name counts only if ``named``.
+        bus: the bus; its robot's name is used only if ``named``.
         named: publish as ``bus.robot``, not as the recorded robot's name and a suffix.
-        speed: of the recording's.
-        loop: over and over.
-        window: of the recording [s].
+        speed: relative to the recording.
+        loop: repeat until interrupted.
+        window: span of the recording [s].
         topics: patterns of topic names; empty: all.
     """
 
@@ -58,7 +57,7 @@ class PlayOptions:
 
     @classmethod
     def from_arguments(cls, arguments: argparse.Namespace) -> Self:
-        """Take the options of ``trill replay``.
+        """Convert the options of ``trill replay``.
 
         Raises:
             ConfigError: a name, port or pattern is wrong.
@@ -82,7 +81,7 @@ class PlayOptions:
 
 @dataclass(frozen=True)
 class Extent:
-    """What a log holds, as far as it matters here: its robot and its time [ns]."""
+    """Robot of a log, and arrival of its first and last message, monotonic clock [ns]."""
 
     robot: str
     start_ns: int
@@ -90,121 +89,118 @@ class Extent:
 
     @property
     def seconds(self) -> float:
-        """From the first message to the last [s]."""
+        """Time from the first message to the last [s]."""
         return 1e-9 * (self.end_ns - self.start_ns)
 
 
 def extent_of(path: Path) -> Extent:
-    """Read a log through.
+    """Return the extent of a log.
 
     Raises:
         LoggerError: the file cannot be read.
         LabError: it holds no message.
     """
-    reader = LogReader(path)
-    start: int | None = None
-    end = 0
-    for entry in reader.entries():
-        start = entry.log_time if start is None else min(start, entry.log_time)
-        end = max(end, entry.log_time)
-    if start is None:
-        raise LabError(f"{path} holds no message; there is nothing to play")
-    return Extent(reader.origin.get("robot", BusConfig().robot), start, end)
+    info = read_info(path)
+    segments = [segment for segment in info.segments if segment.messages]
+    if not segments:
+        raise LabError(f"{path} holds no message; there is nothing to publish")
+    robot = info.origin.get("robot", BusConfig().robot)
+    return Extent(robot, segments[0].start_ns, segments[-1].end_ns)
 
 
 class Player:
     """Publishes the messages of a log on an open session."""
 
     def __init__(self, session: Any, path: Path, extent: Extent, options: PlayOptions) -> None:
-        """Prepare; ``options.bus.robot`` is the name to publish under."""
+        """Prepare to publish as ``options.bus.robot``."""
         self.sent = 0
         self.late = 0
-        """Messages that went out more than 50 ms late: this machine cannot keep the pace."""
+        """Number of messages published more than 50 ms late, because this machine is too slow."""
         self._session, self._path = session, path
         self._extent, self._options = extent, options
         self._publishers: dict[tuple[str, str], Any] = {}
 
     def play(self) -> Iterator[float]:
-        """Publish from the first message to the last; yields the time in the recording [s].
+        """Publish from the first message to the last; yield the time in the recording [s].
 
-        Yields often enough, also while nothing is due, that whoever drives it can do other things.
+        It yields every 0.1 s even while no message is due.
         """
         began = looked = time.monotonic()
         first, last = self._options.window
-        for entry in LogReader(self._path).entries():
-            place = 1e-9 * (entry.log_time - self._extent.start_ns)
+        for raw in LogReader(self._path).raw_messages():
+            place = 1e-9 * (raw.log_time - self._extent.start_ns)
             if place > last:
                 break
             if time.monotonic() - looked > _LONGEST_SLEEP:
                 looked = time.monotonic()
                 yield max(first, place)
             if place < first:
-                began = time.monotonic()  # the way to the window is not lateness
+                began = time.monotonic()  # reading up to the window makes nothing late
                 continue
-            if not self._chosen(entry):
+            if not self._is_selected(raw):
                 continue
             due = began + (place - first) / self._options.speed
             while (wait := due - time.monotonic()) > 0.0:
                 yield max(first, place - wait * self._options.speed)
                 time.sleep(min(wait, _LONGEST_SLEEP))
             self.late += wait < -_LATE
-            self._publish(entry)
+            self._publish(raw)
             yield place
 
-    def _chosen(self, entry: Entry) -> bool:
+    def _is_selected(self, raw: RecordedMessage) -> bool:
         patterns = self._options.topics
-        name = entry.topic.name if entry.topic else self._tail(entry)
+        name = raw.topic.name if raw.topic else self._key_in_robot(raw)
         return not patterns or any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
 
-    def _tail(self, entry: Entry) -> str:
-        """The key without the robot's name."""
-        return entry.key.removeprefix(f"{self._extent.robot}/")
+    def _key_in_robot(self, raw: RecordedMessage) -> str:
+        """Return the key without the robot's name."""
+        return raw.key.removeprefix(f"{self._extent.robot}/")
 
-    def _publish(self, entry: Entry) -> None:
-        publisher = self._publishers.get((entry.key, entry.tag))
+    def _publish(self, raw: RecordedMessage) -> None:
+        publisher = self._publishers.get((raw.key, raw.tag))
         if publisher is None:
-            priority = entry.topic.priority if entry.topic else Priority.INTERACTIVE
+            priority = raw.topic.priority if raw.topic else Priority.INTERACTIVE
             publisher = self._session.declare_publisher(
-                f"{self._options.bus.robot}/{self._tail(entry)}",
-                encoding=wire_encoding(entry.tag),
+                f"{self._options.bus.robot}/{self._key_in_robot(raw)}",
+                encoding=wire_encoding(raw.tag),
                 priority=PRIORITIES[priority],
                 express=priority is not Priority.BULK,
                 congestion_control=zenoh.CongestionControl.DROP,
                 reliability=zenoh.Reliability.RELIABLE,
                 allowed_destination=zenoh.Locality.REMOTE,
             )
-            self._publishers[entry.key, entry.tag] = publisher
-        publisher.put(entry.payload)
+            self._publishers[raw.key, raw.tag] = publisher
+        publisher.put(raw.payload)
         self.sent += 1
 
 
-class Watchdog:
-    """Hears whether anybody else publishes under a robot's name."""
+class NameMonitor:
+    """Detects whether another process publishes under a robot's name."""
 
     def __init__(self, session: Any, robot: str) -> None:
-        """Listen under ``robot`` to everything but our own."""
+        """Listen to everything under ``robot`` except what ``session`` itself publishes."""
         self._robot = robot
         self._tap = RawTap(session, robot, maxlen=1)
 
     def check(self) -> None:
-        """See whether anybody was heard.
+        """Check what was heard since the last check.
 
         Raises:
-            LabError: somebody was.
+            LabError: another process published under this name.
         """
         heard = self._tap.drain()
         if heard:
             raise LabError(
-                f"somebody publishes {heard[-1].key} on this bus: a recording must not reach a "
-                f"live robot, so nothing is published as {self._robot!r}; leave --as away, or "
-                "choose another name or --base-port"
+                f"another process publishes {heard[-1].key} on this bus: a recording must not "
+                f"reach a live robot, so nothing is published as {self._robot!r}; leave out --as, "
+                "or choose another name or --base-port"
             )
 
     def listen(self, seconds: float) -> None:
-        """Check for a while.
+        """Check for ``seconds``.
 
         Raises:
-            LabError: somebody was heard.
+            LabError: another process published under this name.
         """
         end = time.monotonic() + seconds
         while time.monotonic() < end:
@@ -214,12 +210,12 @@ class Watchdog:
 
 
 def play(path: Path, options: PlayOptions) -> int:
-    """Publish a log until its end, or until Ctrl-C; returns the exit code.
+    """Publish a log until its end, or until Ctrl-C; return the exit code.
 
     Raises:
         LoggerError: the log cannot be read.
         BusError: the bus cannot be opened.
-        LabError: the log is empty, or somebody of the chosen name is on the bus.
+        LabError: the log is empty, or a robot of the chosen name is on the bus.
         ConfigError: the window begins after the log's end.
     """
     extent = extent_of(path)
@@ -236,10 +232,10 @@ def play(path: Path, options: PlayOptions) -> int:
         with terminated_as_interrupted():
             session: Any = open_session(options.bus, SERVICE)
             try:
-                watchdog = Watchdog(session, options.bus.robot)
-                watchdog.listen(LISTENING)
+                monitor = NameMonitor(session, options.bus.robot)
+                monitor.listen(LISTENING)
                 player = Player(session, path, extent, options)
-                _play(player, watchdog, extent, options)
+                _play(player, monitor, extent, options)
             finally:
                 session.close()
     except KeyboardInterrupt:
@@ -249,8 +245,8 @@ def play(path: Path, options: PlayOptions) -> int:
     return 0
 
 
-def _play(player: Player, watchdog: Watchdog, extent: Extent, options: PlayOptions) -> None:
-    """Drive the player, watch the bus, show where it is."""
+def _play(player: Player, monitor: NameMonitor, extent: Extent, options: PlayOptions) -> None:
+    """Publish, watch the bus for a live robot, and show the progress."""
     bus = options.bus
     where = (
         f"as a client of {', '.join(bus.connect or ())}"
@@ -264,19 +260,11 @@ def _play(player: Player, watchdog: Watchdog, extent: Extent, options: PlayOptio
     )
     first, last = options.window
     last = min(last, extent.seconds)
-    with _bar() as bar:
-        task: TaskID = bar.add_task("", total=max(last - first, 1e-9))
+    with ProgressBar(f"publishing {bus.robot}", max(last - first, 1e-9)) as bar:
         while True:
             for place in player.play():
-                watchdog.check()
-                bar.update(task, completed=place - first, description=f"{place:.1f} s")
+                monitor.check()
+                bar.show(place - first, text=f"{place:.1f} s")
             if not options.loop:
                 return
             time.sleep(0.01)  # an empty window must not spin
-
-
-def _bar() -> Progress:
-    """A bar on standard error, if that is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn())
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)

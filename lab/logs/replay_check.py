@@ -1,4 +1,4 @@
-"""Replays services from a log: glue between the logger's reader and the replay runner."""
+"""Replays service runs from a log: connects the logger's reader to the replay runner."""
 
 import importlib
 import json
@@ -17,10 +17,12 @@ from common.runtime.service import Service
 from common.schemas import Message
 from common.tables import overlaid
 from common.topics import Topic
+from common.transport.config import BusConfig
 from common.transport.keys import key_of
 from common.transport.tap import RawSample
 from common.wire.codec import schema_tag
 from common.wire.header import wire_header
+from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
@@ -31,13 +33,14 @@ SERVICES: Mapping[str, str] = {
     "teleop": "services.teleop.scripted.service:ScriptedOperator",
     "cameras": "services.sim.rendering.cameras:CameraService",
 }
-"""What can be replayed: the name of a service and where its class is."""
+"""Services that can be replayed, and where their classes are."""
 SYNTHETIC = "services.teleop.synthetic.service:SyntheticOperator"
-"""Goes by the name of teleop too, but plays no script."""
+"""Publishes as teleop too, but its settings name no script."""
 UNREPLAYABLE: Mapping[str, str] = {
     "keyboard": "a person's keys do not come over the bus",
 }
-LONGEST = 2**63
+"""Services that cannot be replayed, and why."""
+_MAX_NS = 2**63
 
 
 @dataclass(frozen=True)
@@ -45,17 +48,17 @@ class CheckOptions:
     """What to replay and how to judge it.
 
     Attributes:
-        services: names; empty: all that can be.
-        life: number of the life of each service; None: all there are.
+        services: names; empty: all that can be replayed.
+        run: number of the run of each service; None: all.
         tolerance: see :class:`~common.runtime.replay.runner.ReplayRunner`.
-        window: seconds since the life's first step between which outputs are compared.
-        settings: laid over those recorded.
-        out: log file for what was replayed; None: nowhere.
+        window: outputs between these times since the run's first step are compared [s].
+        settings: override the recorded ones.
+        out: log file for the replayed outputs; None: none is written.
         verbose: let the services log.
     """
 
     services: tuple[str, ...] = ()
-    life: int | None = None
+    run: int | None = None
     tolerance: float = 0.0
     window: tuple[float, float] = (0.0, float("inf"))
     settings: Mapping[str, Any] = field(default_factory=dict)
@@ -64,47 +67,47 @@ class CheckOptions:
 
 
 def recorded(path: Path) -> Iterator[Recorded]:
-    """The messages of a log in the order of arrival; those under unknown keys are left out.
+    """Yield the messages of a log in the order of arrival, except those under unknown keys.
 
     Raises:
         LoggerError: the file cannot be read.
     """
-    for entry in LogReader(path).entries():
-        if entry.topic is not None:
-            yield Recorded(entry.topic, entry.payload, entry.tag, entry.log_time)
+    for raw in LogReader(path).raw_messages():
+        if raw.topic is not None:
+            yield Recorded(raw.topic, raw.payload, raw.tag, raw.log_time)
 
 
 def runs_in(path: Path) -> list[ServiceRun]:
-    """The lives in a log; what stands in the way of a replay is noted in each."""
-    lives = find_runs(recorded(path))
-    for life in lives:
-        if life.service not in SERVICES:
-            why = UNREPLAYABLE.get(life.service, "there is no service of this name to build")
-            life.obstacle = life.obstacle or why
-        elif not life.settings:
-            life.obstacle = life.obstacle or "the log does not tell what it was built from"
-    return lives
+    """Return the service runs in a log; ``obstacle`` of each says why it cannot be replayed."""
+    runs = find_runs(recorded(path))
+    for run in runs:
+        if run.service not in SERVICES:
+            why = UNREPLAYABLE.get(run.service, "no service of this name can be built")
+            run.obstacle = run.obstacle or why
+        elif not run.settings:
+            run.obstacle = run.obstacle or "the log does not have its settings"
+    return runs
 
 
-def build(life: ServiceRun, settings: Mapping[str, Any] | None = None) -> Service:
-    """Build the service of a life again.
+def build(run: ServiceRun, settings: Mapping[str, Any] | None = None) -> Service:
+    """Build the service of a run from its recorded settings.
 
     Args:
-        life: one of :func:`runs_in`.
-        settings: laid over those recorded.
+        run: one of :func:`runs_in`.
+        settings: override the recorded ones.
 
     Raises:
-        ConfigError: there is something in the way of a replay, or the settings do not fit this
-            version of the service.
+        ConfigError: the run cannot be replayed, or the settings do not fit this version of the
+            service.
     """
-    if life.obstacle:
-        raise ConfigError(f"it cannot be replayed: {life.obstacle}")
+    if run.obstacle:
+        raise ConfigError(f"it cannot be replayed: {run.obstacle}")
     try:
-        recorded_settings = json.loads(life.settings)
+        recorded_settings = json.loads(run.settings)
     except json.JSONDecodeError as error:
         raise ConfigError(f"the recorded settings are no JSON: {error}") from error
-    place = SERVICES[life.service]
-    if life.service == "teleop" and "script" not in recorded_settings:
+    place = SERVICES[run.service]
+    if run.service == "teleop" and "script" not in recorded_settings:
         place = SYNTHETIC
     module, _, name = place.partition(":")
     kind: type[Service] = getattr(importlib.import_module(module), name)
@@ -112,91 +115,89 @@ def build(life: ServiceRun, settings: Mapping[str, Any] | None = None) -> Servic
 
 
 class Checker:
-    """Replays lives of one log, one after the other, and keeps what they say."""
+    """Replays runs of one log, one after the other, and keeps their outputs."""
 
     def __init__(self, path: Path, options: CheckOptions) -> None:
-        """Check lives in the log ``path``."""
+        """Check runs in the log ``path``."""
         self._path, self._options = path, options
-        self._said: list[tuple[int, Topic[Any], bytes]] = []
+        self._outputs: list[tuple[int, Topic[Any], bytes]] = []
 
-    def check(self, life: ServiceRun, progress: Progress) -> Report:
-        """Replay one life.
+    def check(self, run: ServiceRun, on_progress: Progress) -> Report:
+        """Replay one run.
 
         Raises:
             TrillError: it cannot be replayed.
         """
-        options, (start, _) = self._options, life.span_ns
+        options, (start, _) = self._options, run.span_ns
         first, last = (
-            min(LONGEST, start + round(1e9 * bound)) if bound != float("inf") else LONGEST
+            min(_MAX_NS, start + round(1e9 * bound)) if bound != float("inf") else _MAX_NS
             for bound in options.window
         )
         with _quiet(enabled=not options.verbose):
             runner = ReplayRunner(
-                build(life, options.settings),
-                life,
+                build(run, options.settings),
+                run,
                 recorded(self._path),
                 tolerance=options.tolerance,
                 window_ns=(first, last),
-                progress=progress,
-                listener=None if options.out is None else self._hear,
+                progress=on_progress,
+                listener=None if options.out is None else self._keep,
             )
             return runner.run()
 
     def write(self) -> int:
-        """Write what was said to ``options.out`` as a log; returns the number of messages.
+        """Write the outputs to ``options.out`` as a log; return the number of messages.
 
         Raises:
             LoggerError: it cannot be written.
         """
         if self._options.out is None:
             return 0
-        reader = LogReader(self._path)
-        next(iter(reader.entries()), None)
-        robot = reader.origin.get("robot", "draco3")
+        robot = read_info(self._path).origin.get("robot", BusConfig().robot)
         sink = McapSink(self._options.out, robot, LoggerConfig())
-        for now, topic, payload in sorted(self._said, key=lambda item: item[0]):
+        for now, topic, payload in sorted(self._outputs, key=lambda item: item[0]):
             header = wire_header(payload)
             source = header.source if header else ""
             schema: type[Message] = topic.schema
             sample = RawSample(key_of(robot, topic, source), payload, schema_tag(schema), now)
             sink.write(sample, header)
-        sink.close({})
-        return len(self._said)
+        sink.close()
+        return len(self._outputs)
 
-    def _hear(self, topic: Topic[Any], payload: bytes, now_ns: int) -> None:
-        self._said.append((now_ns, topic, payload))
+    def _keep(self, topic: Topic[Any], payload: bytes, now_ns: int) -> None:
+        self._outputs.append((now_ns, topic, payload))
 
 
-def chosen(
-    lives: Sequence[ServiceRun], services: Sequence[str], number: int | None
+def select_runs(
+    runs: Sequence[ServiceRun], services: Sequence[str], number: int | None
 ) -> list[ServiceRun]:
-    """The lives to replay; all that can be, if no service is named.
+    """Return the runs to replay: of ``services``, or if none is named all that can be replayed.
 
     Raises:
-        ConfigError: the log has no such service or life.
+        ConfigError: the log has no such service or run.
     """
     if not services:
-        return [life for life in lives if not life.obstacle and number in (None, life.number)]
+        return [run for run in runs if not run.obstacle and number in (None, run.number)]
     found = []
     for service in services:
-        of_service = [life for life in lives if life.service == service]
-        wanted = [life for life in of_service if number in (None, life.number)]
+        of_service = [run for run in runs if run.service == service]
+        wanted = [run for run in of_service if number in (None, run.number)]
         if not of_service:
-            names = ", ".join(dict.fromkeys(life.service for life in lives))
+            names = ", ".join(dict.fromkeys(run.service for run in runs))
             raise ConfigError(
                 f"the log has no journal of {service!r}; "
                 + (f"it has those of {names}" if names else "it has none at all")
             )
         if not wanted:
             raise ConfigError(
-                f"expected a life of {service} from 1 to {len(of_service)}, got {number}"
+                f"expected a run of {service} from 1 to {len(of_service)}, got {number}"
             )
         found += wanted
     return found
 
 
 def parse_settings(options: Sequence[str]) -> dict[str, Any]:
-    """Turn ``path.to.key=value`` options into a nested table; values are JSON or else text.
+    """Convert ``path.to.key=value`` options to a nested table; values are JSON or else text.
 
     Raises:
         ConfigError: an option has no ``=``.
@@ -220,7 +221,7 @@ def parse_settings(options: Sequence[str]) -> dict[str, Any]:
 
 @contextmanager
 def _quiet(*, enabled: bool) -> Iterator[None]:
-    """Keep services from logging again what they logged when they were recorded."""
+    """Suppress what the services log, which they logged during the recording too."""
     before = logging.root.manager.disable
     if enabled:
         logging.disable(logging.CRITICAL)

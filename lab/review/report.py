@@ -6,8 +6,8 @@ from pathlib import Path
 from common.errors import TrillError
 from common.files import write_whole
 from common.transport.keys import topic_of
-from deploy.launch import Ended, Verdict
-from deploy.system import LOG_FILE, versions
+from deploy.launch import RunResult, Verdict
+from deploy.system import LOG_FILE
 from lab.errors import LabError
 from lab.progress import ProgressBar
 from lab.review.run_summary import RunSummary, ServiceTiming
@@ -15,6 +15,7 @@ from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
 from lab.review.task_summary import trial_lines
 from lab.review.timeline import read_timeline
+from lab.trials.provenance import environment
 from services.logger.read.reader import LogReader
 
 SUMMARY_FILE = "summary.json"
@@ -22,7 +23,9 @@ SHEET_FILE = "contact_sheet.png"
 VIDEO_FILE = "video.mp4"
 
 
-def finish(ended: Ended, settings: dict[str, str], *, pictures: bool, video: bool) -> RunSummary:
+def finish(
+    ended: RunResult, settings: dict[str, str], *, pictures: bool, video: bool
+) -> RunSummary:
     """Summarise a finished run, print the report and draw the pictures.
 
     Raises:
@@ -61,7 +64,7 @@ def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> 
         about_log=lambda: _findings(reader),
         outcome=verdict.outcome,
         reason=verdict.reason,
-        environment={**versions(), **settings},
+        environment={**environment(), **settings},
     )
     path = run_dir / SUMMARY_FILE
     try:

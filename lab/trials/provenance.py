@@ -2,6 +2,7 @@
 
 import ast
 import hashlib
+import os
 import platform
 import subprocess
 from collections.abc import Sequence
@@ -22,6 +23,8 @@ _DATA = {".xml", ".json", ".toml", ".npy", ".npz", ".stl", ".obj", ".png"}
 _TIMEOUT = 10.0
 PHYSICS = ("mujoco", "pin", "osqp", "daqp", "scipy", "numpy")
 """Packages whose versions can change what the robot does."""
+PACKAGES = ("trill", "eclipse-zenoh", "numpy", "pydantic", "mujoco", "pin", "osqp", "daqp")
+"""Packages named in the record of a run."""
 
 
 def _file(module: str) -> Path | None:
@@ -145,6 +148,18 @@ def package_versions(packages: Sequence[str]) -> dict[str, str]:
         with suppress(PackageNotFoundError):
             found[package] = version(package)
     return found
+
+
+def environment() -> dict[str, str]:
+    """Describe Python, machine, packages and revision, for the record of a run."""
+    found = {
+        "python": platform.python_version(),
+        "platform": platform.platform(),
+        "cpus": str(os.cpu_count()),
+        **package_versions(PACKAGES),
+    }
+    commit = revision()
+    return found | ({"commit": commit} if commit else {})
 
 
 @cache

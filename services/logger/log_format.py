@@ -1,4 +1,7 @@
-"""What a log consists of besides messages: its profile, metadata records and compression."""
+"""What a log holds beside messages: its profile, metadata records and compression.
+
+The names of metadata records stand in the files; changing one makes earlier logs unreadable.
+"""
 
 import errno
 import shutil
@@ -10,19 +13,17 @@ from services.logger.errors import LoggerError
 
 PROFILE = "trill"
 START_METADATA = "recording"
-"""How the recording was made; the first record of each part."""
+"""How the recording was made; the first record of each segment."""
 CARRIED_METADATA = "carried"
-"""In a part that continues another: the account of all before it, and the open episode."""
+"""In a segment that continues another: delivery statistics so far, and the open episode."""
 DROPS_METADATA = "drops"
-"""What the logger had to drop since the last such record."""
-EPISODE_METADATA = "episode"
-"""One finished episode."""
-ACCOUNT_METADATA = "account"
-"""At the end: every sequence number, as runs, of the recording up to here."""
-REPORT_METADATA = "report"
-"""At the end: counts by key of the recording up to here."""
+"""What the logger dropped since the last such record."""
+DELIVERY_METADATA = "account"
+"""At the end: the delivery statistics of the recording up to here, with all sequence numbers."""
+END_METADATA = "end"
+"""At the end of the recording, not of a segment: when it was stopped."""
 REPAIR_METADATA = "repair"
-"""Written by the repair: what was saved, what could not be."""
+"""Written by the repair: what was wrong and what could not be read."""
 
 COMPRESSION = {
     "zstd": CompressionType.ZSTD,
@@ -32,15 +33,15 @@ COMPRESSION = {
 
 
 def write_error(path: Path, error: OSError) -> LoggerError:
-    """Return the error that says what to do about ``error`` in writing ``path``."""
+    """Return a LoggerError for ``error`` in writing ``path``, with a remedy."""
     if isinstance(error, FileExistsError) and error.filename == str(path):
         return LoggerError(f"{path} exists already; give a new --out directory")
-    cure = "give a writable --out directory"
+    remedy = "give a writable --out directory"
     if error.errno in {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}:
-        cure = f"free some space ({_room(path)}); what was flushed before stays readable"
-    return LoggerError(f"cannot write the log {path}: {error.strerror or error}; {cure}")
+        remedy = f"free some space ({_free_space(path)}); what was flushed before stays readable"
+    return LoggerError(f"cannot write the log {path}: {error.strerror or error}; {remedy}")
 
 
-def _room(path: Path) -> str:
+def _free_space(path: Path) -> str:
     free = shutil.disk_usage(path.parent).free
     return f"{free / 2**20:.0f} MiB free in {path.parent}"

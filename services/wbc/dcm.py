@@ -8,11 +8,11 @@ CoM set-point, whose VRP follows as v = xi - xidot / w. (Takenaka et al. 2009; E
 """
 
 from dataclasses import dataclass
+from itertools import accumulate
 from math import exp, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from scipy.signal import lfilter
 
 from common.schemas.arrays import Float64Array as Array
 
@@ -110,9 +110,26 @@ def plan_dcm(
     slope = np.gradient(track[: transfer + 1], GRID, axis=0)
     vrp[: transfer + 1] = track[: transfer + 1] - slope / omega
     decay = exp(-omega * GRID)
-    # c[k+1] = e c[k] + (1 - e) xi[k]; the filter's initial state makes c[0] the given CoM.
-    forward, _ = lfilter([0.0, 1.0 - decay], [1.0, -decay], track, axis=0, zi=com[None, :])
-    return DcmPlan(omega, track, vrp, forward)
+    return DcmPlan(omega, track, vrp, first_order(com, (1.0 - decay) * track[:-1], decay))
+
+
+def first_order(start: Array, drive: Array, decay: float) -> Array:
+    """Integrate y[k + 1] = ``decay`` y[k] + ``drive``[k] from y[0] = ``start``.
+
+    Args:
+        start: (m,) first value.
+        drive: (n, m) input of each interval.
+        decay: factor of the previous value.
+
+    Returns:
+        (n + 1, m), bit for bit what ``scipy.signal.lfilter`` computes. Importing that package
+        would keep a restarted controller from its robot for seconds.
+    """
+    columns = [
+        list(accumulate(inputs, lambda y, u: decay * y + u, initial=first))
+        for first, inputs in zip(start.tolist(), drive.T.tolist(), strict=True)
+    ]
+    return np.array(columns).T.copy()
 
 
 def _vrp_grid(
@@ -140,9 +157,9 @@ def _vrp_grid(
 
 def _backward_dcm(vrp: Array, omega: float) -> Array:
     decay = exp(-omega * GRID)
-    reverse = vrp[::-1]
-    dcm, _ = lfilter([1.0 - decay], [1.0, -decay], reverse, axis=0, zi=decay * reverse[:1])
-    result: Array = dcm[::-1].copy()
+    # At its end the DCM rests on the VRP.
+    drive = (1.0 - decay) * vrp[::-1]
+    result: Array = first_order(decay * vrp[-1] + drive[0], drive[1:], decay)[::-1].copy()
     return result
 
 

@@ -235,14 +235,14 @@ def test_a_client_that_stands_still_costs_peers_nothing(place: Place, tmp_path: 
         # It comes back by itself and records what is sent from then on.
         log = tmp_path / "log.mcap"
         until(lambda: _recorded(log, publisher) >= first + 80)
-    pictures = sum(entry.topic is CAMERA_LEFT for entry in LogReader(log).entries())
+    pictures = sum(entry.topic is CAMERA_LEFT for entry in LogReader(log).raw_messages())
     assert pictures < 80, "the logger never fell behind: nothing was tested"
 
 
 def _recorded(log: Path, publisher: Publisher[Any]) -> int:
     """Send once more and return the number of the last message in the log; -1 for none."""
     publisher.send(Estop(reason="still there?"))
-    entries = LogReader(log).entries() if log.exists() else ()
+    entries = LogReader(log).raw_messages() if log.exists() else ()
     return max((entry.sequence for entry in entries if entry.topic is ESTOP), default=-1)
 
 

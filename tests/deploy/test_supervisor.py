@@ -7,11 +7,13 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from deploy import supervisor as supervisor_module
 from deploy.errors import DeployError
-from deploy.process import ProcessSpec, Restart, describe_code, tail
+from deploy.process import Exit, ProcessSpec, Restart, describe_code, tail
 from deploy.supervisor import SignalEscalation, Supervisor
 
 QUICK = SignalEscalation(interrupt=0.5, terminate=0.5, kill=2.0)
@@ -87,7 +89,7 @@ def running(pid: int) -> bool:
     return state not in {"Z", "X"}
 
 
-def test_stops_on_the_first_rung_and_keeps_the_output(
+def test_stops_at_the_first_signal_and_keeps_the_output(
     module: Callable[[str, str], str], tmp_path: Path
 ) -> None:
     supervisor = Supervisor([ProcessSpec("a", module("fake_a", OBEDIENT))], tmp_path / "logs")
@@ -100,11 +102,11 @@ def test_stops_on_the_first_rung_and_keeps_the_output(
 
 
 @pytest.mark.parametrize(("code", "last"), [(STUBBORN, "terminated"), (DEAF, "up")])
-def test_ladder_ends_those_that_ignore_it(
+def test_escalation_ends_those_that_ignore_signals(
     module: Callable[[str, str], str], tmp_path: Path, code: str, last: str
 ) -> None:
     supervisor = Supervisor(
-        [ProcessSpec("a", module("fake_b", code))], tmp_path / "logs", ladder=QUICK
+        [ProcessSpec("a", module("fake_b", code))], tmp_path / "logs", escalation=QUICK
     )
     with supervisor:
         until(lambda: tail(supervisor.log_path("a")) == ("up",))
@@ -144,13 +146,97 @@ def test_restarts_after_a_failure_up_to_the_limit(
     spec = ProcessSpec(
         "again", module("fake_f", FAILING), restart=Restart.ON_FAILURE, max_restarts=2
     )
-    ends = []
+    ends: list[Exit] = []
     with Supervisor([spec], tmp_path / "logs") as supervisor:
-        while supervisor.exit_of("again") is None:
+        while not ends or ends[-1].restarted:
             ends += supervisor.poll()
             time.sleep(0.02)
     assert [ended.restarted for ended in ends] == [True, True, False]
     assert tail(supervisor.log_path("again")).count("about to fail") == 3
+
+
+SPARED = """
+import os, sys, time
+from {slow} import value
+if __name__ == "__main__":
+    print("up", os.getpid(), sys.stdin.read(), *sys.argv[1:], flush=True)
+    time.sleep(60)
+"""
+SLOW = """
+import time
+print("importing", flush=True)
+time.sleep(1.5)
+value = 1
+"""
+
+
+def spared(module: Callable[[str, str], str], **options: Any) -> ProcessSpec:
+    """A process whose import takes 1.5 s and that wants a spare."""
+    slow = module("fake_slow", SLOW)
+    name = module("fake_spared", SPARED.format(slow=slow))
+    return ProcessSpec("s", name, ("arg",), Restart.ON_FAILURE, spare=True, **options)
+
+
+def lines_of(supervisor: Supervisor, word: str) -> list[str]:
+    return [line for line in tail(supervisor.log_path("s")) if line.startswith(word)]
+
+
+def test_a_spare_takes_over_without_importing(
+    module: Callable[[str, str], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor_module, "SPARE_AFTER_S", 0.0)
+    with Supervisor([spared(module)], tmp_path / "logs", escalation=QUICK) as supervisor:
+        until(lambda: len(lines_of(supervisor, "up")) == 1)
+        assert supervisor.poll() == []
+        spare = supervisor.spare_pid("s")
+        assert spare is not None
+        until(lambda: len(lines_of(supervisor, "importing")) == 2)
+        time.sleep(2.0)
+        assert len(lines_of(supervisor, "up")) == 1
+        killed = time.monotonic()
+        os.kill(supervisor.pid("s"), signal.SIGKILL)
+        until(lambda: any(ended.restarted for ended in supervisor.poll()))
+        assert supervisor.pid("s") == spare
+        until(lambda: len(lines_of(supervisor, "up")) == 2)
+        assert time.monotonic() - killed < 1.0
+        assert lines_of(supervisor, "up")[1].split() == ["up", str(spare), "arg"]
+        # The next one is prepared, too.
+        until(lambda: supervisor.poll() == [] and supervisor.spare_pid("s") not in {None, spare})
+        last = supervisor.spare_pid("s")
+    assert last is not None
+    assert not running(spare)
+    assert not running(last)
+
+
+def test_without_a_spare_that_lives_a_new_process_is_started(
+    module: Callable[[str, str], str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(supervisor_module, "SPARE_AFTER_S", 0.0)
+    with Supervisor([spared(module)], tmp_path / "logs", escalation=QUICK) as supervisor:
+        until(lambda: len(lines_of(supervisor, "up")) == 1)
+        supervisor.poll()
+        spare = supervisor.spare_pid("s")
+        assert spare is not None
+        os.kill(spare, signal.SIGKILL)
+        until(lambda: not running(spare))
+        os.kill(supervisor.pid("s"), signal.SIGKILL)
+        until(lambda: any(ended.restarted for ended in supervisor.poll()))
+        assert supervisor.pid("s") != spare
+        until(lambda: len(lines_of(supervisor, "up")) == 2)
+
+
+@pytest.mark.parametrize("options", [{"max_restarts": 0}, {"foreground": True}])
+def test_no_spare_where_it_would_not_be_used(
+    module: Callable[[str, str], str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    options: dict[str, Any],
+) -> None:
+    monkeypatch.setattr(supervisor_module, "SPARE_AFTER_S", 0.0)
+    specs = [spared(module, **options)]
+    with Supervisor(specs, tmp_path / "logs", escalation=QUICK) as supervisor:
+        assert supervisor.poll() == []
+        assert supervisor.spare_pid("s") is None
 
 
 def test_unwanted_processes_are_not_started(tmp_path: Path) -> None:
@@ -159,7 +245,7 @@ def test_unwanted_processes_are_not_started(tmp_path: Path) -> None:
         assert supervisor.poll() == []
 
 
-def test_waves_stop_in_order(module: Callable[[str, str], str], tmp_path: Path) -> None:
+def test_processes_stop_in_their_order(module: Callable[[str, str], str], tmp_path: Path) -> None:
     code = OBEDIENT.replace('print("bye", flush=True)', "print(time.monotonic_ns(), flush=True)")
     name = module("fake_g", code)
     specs = [ProcessSpec("last", name, stop_order=1), ProcessSpec("first", name)]
@@ -175,7 +261,7 @@ def test_what_a_service_started_goes_with_it(
     module: Callable[[str, str], str], tmp_path: Path
 ) -> None:
     spec = ProcessSpec("litter", module("fake_h", LITTERING))
-    with Supervisor([spec], tmp_path / "logs", ladder=QUICK) as supervisor:
+    with Supervisor([spec], tmp_path / "logs", escalation=QUICK) as supervisor:
         until(lambda: len(tail(supervisor.log_path("litter"))) == 1)
         grandchild = int(tail(supervisor.log_path("litter"))[0].split()[1])
         os.kill(supervisor.pid("litter"), signal.SIGKILL)
@@ -195,8 +281,8 @@ from pathlib import Path
 from deploy.process import ProcessSpec, tail, terminated_as_interrupted
 from deploy.supervisor import SignalEscalation, Supervisor
 specs = [ProcessSpec(name, name) for name in {fakes!r}]
-ladder = SignalEscalation(0.5, 0.5, 2.0)
-supervisor = Supervisor(specs, Path({str(tmp_path / "logs")!r}), ladder=ladder)
+quick = SignalEscalation(0.5, 0.5, 2.0)
+supervisor = Supervisor(specs, Path({str(tmp_path / "logs")!r}), escalation=quick)
 with terminated_as_interrupted(), supervisor:
     while not all(tail(supervisor.log_path(spec.name)) for spec in specs):
         time.sleep(0.02)

@@ -47,7 +47,7 @@ def write(path: Path, seconds: float = SECONDS) -> int:
     kept = [s for s in stack.runner.log if s.key.startswith(tuple(f"{robot}/{k}" for k in _KEPT))]
     for sample in kept:
         sink.write(sample, wire_header(sample.payload))
-    sink.close({})
+    sink.close()
     return len(kept)
 
 

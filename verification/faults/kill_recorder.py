@@ -112,7 +112,7 @@ def _file_defects(log: Path, messages: int) -> list[str]:
 def _losses(log: Path, sent: Sequence[Sent], killed_ns: int) -> dict[str, float]:
     """Return the longest time lost, the messages lost at the end, and the gaps before it."""
     recovered: defaultdict[str, set[int]] = defaultdict(set)
-    for entry in LogReader(log).entries():
+    for entry in LogReader(log).raw_messages():
         if entry.topic is not None:
             recovered[entry.topic.name].add(entry.sequence)
     loss, lost, gaps = 0.0, 0, 0

@@ -8,6 +8,7 @@ import numpy as np
 
 from common.plant.config import TorqueMode
 from common.robot import frames
+from common.robot.rotations import wrap_angle, yaw_from_matrix
 from common.runtime.service import Inputs, Output, Service
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import ControlState, Gait, GaitOutcome, GaitRequest, Header, Setpoint
@@ -17,7 +18,6 @@ from services.sim.config import TYPICAL_NOISE, NoiseConfig, SimConfig
 from services.sim.service import PlantService
 from services.wbc.config import WbcConfig, wbc_config
 from services.wbc.footsteps import Stance, gait_displacement
-from services.wbc.rotations import wrap_angle, yaw_of
 from services.wbc.service import WbcService
 
 HandMotion = Callable[[float], tuple[Array, Array]]
@@ -162,7 +162,7 @@ class Stack:
     def stance(self) -> Stance:
         """Return the true stance, midway between the soles."""
         left, right = (self.plant.data.site(frames.FOOT_FRAMES[side]) for side in SIDES)
-        left_yaw, right_yaw = (yaw_of(np.reshape(foot.xmat, (3, 3))) for foot in (left, right))
+        left_yaw, right_yaw = (yaw_from_matrix(foot.xmat.reshape(3, 3)) for foot in (left, right))
         yaw = right_yaw + 0.5 * wrap_angle(left_yaw - right_yaw)
         return Stance(0.5 * (left.xpos + right.xpos)[:2], yaw)
 

@@ -1,4 +1,4 @@
-"""From a log to a file that viewers decode."""
+"""Converts a log to a file that robotics viewers decode."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -8,27 +8,28 @@ from pathlib import Path
 
 from common.errors import SchemaError
 from common.wire.codec import decode
-from services.logger.export.clock import WallClock
 from services.logger.export.errors import ExportError
-from services.logger.export.output import ExportFile
+from services.logger.export.output import ExportFile, export_file
 from services.logger.export.robot import RobotModel
 from services.logger.export.routes import NOT_EXPORTED, Routes
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.info import read_info
+from services.logger.read.reader import LogReader, RecordedMessage
+from services.logger.read.wall_clock import WallClock
 
-Progress = Callable[[int, int], None]
-"""Told how many messages are done, and of how many."""
-_TELL_EVERY = 500
+OnProgress = Callable[[int, int], None]
+"""Called with how many messages are done, and of how many."""
+_PROGRESS_STEP = 500
 
 
 @dataclass
 class Summary:
-    """What became of a log.
+    """What was exported of a log, and what was not.
 
     Attributes:
         path: the exported file.
         converted: messages read, by source topic (with source).
         written: messages written, by exported topic.
-        left_out: messages not converted, by source topic, with the reason.
+        left_out: number of messages not converted and the last reason, by source topic.
         duration: between the first and last arrival of what was converted [s].
         remarks: anything else a person should know.
     """
@@ -41,7 +42,7 @@ class Summary:
     remarks: list[str] = field(default_factory=list)
 
     def leave_out(self, name: str, reason: str) -> None:
-        """Count one message of ``name`` as not converted; the newest reason stands."""
+        """Count one message of ``name`` as not converted."""
         count, _ = self.left_out.get(name, (0, ""))
         self.left_out[name] = (count + 1, reason)
 
@@ -52,16 +53,16 @@ def export_log(
     *,
     topics: Sequence[str] = (),
     force: bool = False,
-    progress: Progress = lambda done, total: None,
+    on_progress: OnProgress = lambda done, total: None,
 ) -> Summary:
     """Convert ``log`` to ``out``.
 
     Args:
-        log: a log, or the first of its parts; may be cut off.
+        log: a log, or the first of its segments; may be cut off.
         out: the file to write.
         topics: only these, e.g. ``plant/state`` or ``camera/*``; empty: all.
         force: replace an existing ``out``.
-        progress: told now and then.
+        on_progress: called now and then.
 
     Raises:
         LoggerError: there is no readable log.
@@ -69,73 +70,80 @@ def export_log(
     """
     if out.exists() and log.exists() and out.samefile(log):
         raise ExportError(f"{out} is the log itself; give another -o")
-    names = Counter(_name(entry) for entry in LogReader(log).entries())
+    keys = read_info(log).topics
+    names = sorted({_name(one.key) for one in keys})
     for pattern in topics:
         if not any(fnmatchcase(name, pattern) for name in names):
-            known = ", ".join(sorted(names)) or "none"
+            known = ", ".join(names) or "none"
             raise ExportError(f"no topic of {log} matches {pattern!r}; it has: {known}")
+    total = sum(one.messages for one in keys)
     summary = Summary(out)
-    robot = _robot(summary)
     reader = LogReader(log)
-    job = _Job(reader, Routes(robot), topics, summary)
-    with ExportFile(out, force=force) as file:
-        for done, entry in enumerate(reader.entries()):
-            if done % _TELL_EVERY == 0:
-                progress(done, names.total())
-            job.convert(entry, file)
+    conversion = _Conversion(reader, topics, summary)
+    with export_file(out, force=force) as file:
+        for done, message in enumerate(reader.raw_messages()):
+            if done % _PROGRESS_STEP == 0:
+                on_progress(done, total)
+            conversion.add(message, file)
         if not file.counts:
-            raise ExportError(f"nothing in {log} can be exported: {job.reasons()}")
-        file.note({"source": log.name, **{f"log.{k}": v for k, v in reader.origin.items()}})
+            left = summary.left_out.items()
+            why = "; ".join(f"{name}: {reason}" for name, (_, reason) in left)
+            raise ExportError(f"nothing in {log} can be exported: {why or 'it has no messages'}")
+        file.finish({"source": log.name, **{f"log.{k}": v for k, v in reader.origin.items()}})
         summary.written = file.counts
-    progress(names.total(), names.total())
-    job.conclude()
+    on_progress(total, total)
+    conversion.finish()
     return summary
 
 
-class _Job:
-    """Converts entry by entry and keeps the books."""
+class _Conversion:
+    """Converts message by message and fills the summary."""
 
-    def __init__(
-        self, reader: LogReader, routes: Routes, topics: Sequence[str], summary: Summary
-    ) -> None:
+    def __init__(self, reader: LogReader, topics: Sequence[str], summary: Summary) -> None:
         self._reader = reader
-        self._routes = routes
+        self._routes = Routes(_robot(summary))
         self._topics = topics
         self._summary = summary
         self._origin: dict[str, str] = {}
         self._clock = WallClock()
-        self._first: int | None = None
-        self._last = 0
+        self._first_ns: int | None = None
+        self._last_ns = 0
 
-    def convert(self, entry: Entry, file: ExportFile) -> None:
-        """Write what becomes of ``entry``, or say why nothing does."""
-        name = _name(entry)
-        reason = self._unwanted(entry, name)
-        if reason:
+    def add(self, raw: RecordedMessage, file: ExportFile) -> None:
+        """Write the samples of a message, or note why there are none."""
+        name = _name(raw.key)
+        topic, reason = raw.topic, self._reason_to_skip(raw, name)
+        if topic is None or reason:
             self._summary.leave_out(name, reason)
             return
-        assert entry.topic is not None
-        # Each part of a recording has its own origin, perhaps of another boot of the machine.
+        # Each segment of a recording has its own origin, perhaps of another boot of the machine.
         if self._reader.origin is not self._origin:
             self._origin = self._reader.origin
             self._clock = WallClock.of(self._origin)
         try:
-            message = decode(entry.payload, entry.topic.schema, entry.tag or None)
-            times = self._clock.times(message.header, entry.log_time)
-            samples = list(self._routes(entry.topic.name, name, message, times))
+            message = decode(raw.payload, topic.schema, raw.tag or None)
+            times = self._clock.times(message.header, raw.log_time)
+            samples = list(self._routes(topic.name, name, message, times))
         except (SchemaError, ExportError) as error:
             self._summary.leave_out(name, str(error))
             return
         for sample in samples:
-            file.write(sample, times, entry.sequence)
+            file.write(sample, times, raw.sequence)
         self._summary.converted[name] += 1
-        self._first = times.logged if self._first is None else self._first
-        self._last = times.logged
+        self._first_ns = times.logged if self._first_ns is None else self._first_ns
+        self._last_ns = times.logged
 
-    def conclude(self) -> None:
-        """Add what is known at the end."""
+    def _reason_to_skip(self, raw: RecordedMessage, name: str) -> str:
+        if self._topics and not any(fnmatchcase(name, pattern) for pattern in self._topics):
+            return "not among --topics"
+        if raw.topic is None:
+            return "not in the topic table"
+        return NOT_EXPORTED.get(raw.topic.name, "")
+
+    def finish(self) -> None:
+        """Add to the summary what is known at the end."""
         summary = self._summary
-        summary.duration = (self._last - (self._first or 0)) * 1e-9
+        summary.duration = (self._last_ns - (self._first_ns or 0)) * 1e-9
         if self._reader.truncated:
             summary.remarks.append("the log is cut off; everything before that is converted")
         if not self._clock.known:
@@ -144,22 +152,10 @@ class _Job:
                 "recorder's boot"
             )
 
-    def reasons(self) -> str:
-        """Why messages were left out, in one line."""
-        left = self._summary.left_out.items()
-        return "; ".join(f"{name}: {reason}" for name, (_, reason) in left) or "it has no messages"
 
-    def _unwanted(self, entry: Entry, name: str) -> str:
-        if self._topics and not any(fnmatchcase(name, pattern) for pattern in self._topics):
-            return "not among --topics"
-        if entry.topic is None:
-            return "not in the topic table"
-        return NOT_EXPORTED.get(entry.topic.name, "")
-
-
-def _name(entry: Entry) -> str:
-    """The key without the robot."""
-    return entry.key.partition("/")[2] or entry.key
+def _name(key: str) -> str:
+    """Return the key without the robot."""
+    return key.partition("/")[2] or key
 
 
 def _robot(summary: Summary) -> RobotModel | None:

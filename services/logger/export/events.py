@@ -1,4 +1,4 @@
-"""What happened, in a line of words each."""
+"""Describes events (gaits, pushes, stops, episodes, links) in a line of text each."""
 
 from dataclasses import dataclass
 
@@ -16,15 +16,15 @@ from common.schemas import (
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class EventLine:
     """A line of the event log."""
 
     text: str
     warning: bool
 
 
-def in_words(message: Message) -> Words | None:
-    """The line for a message; None if it is no event."""
+def event_line(message: Message) -> EventLine | None:
+    """Return the line for a message; None if the message is no event."""
     text, warning = "", False
     match message:
         case GaitRequest():
@@ -44,4 +44,4 @@ def in_words(message: Message) -> Words | None:
             text = f"episode {message.episode}: {message.action.name} {message.label}".rstrip()
         case LinkChange():
             text = f"link {message.topic} to {message.service}: {message.link or 'no delay'}"
-    return Words(text, warning) if text else None
+    return EventLine(text, warning) if text else None

@@ -1,11 +1,11 @@
-"""Any message of ours as protobuf, field by field: for raw views and for plots.
+"""Converts any message to protobuf, field by field, for raw views and plots.
 
 The protobuf type ``trill.<Schema>`` is derived from the Pydantic model, so a topic added to the
 table is exported without a line here. Arrays become repeated doubles (a quaternion stays w, x, y,
-z), enumerations keep their names, nested models become nested messages.
+z), enumerations keep their names, nested models become nested messages. Protobuf and not JSON,
+because Rerun plots numbers of protobuf channels but takes JSON channels for opaque bytes.
 """
 
-from collections.abc import Callable
 from enum import IntEnum
 from functools import cache
 from typing import Any, Literal, get_args, get_origin
@@ -25,35 +25,33 @@ from services.logger.export.errors import ExportError
 
 PACKAGE = "trill"
 
-_Fill = Callable[[Any, Any], None]
 _SCALARS: dict[type, Any] = {
+    bool: FieldDescriptorProto.TYPE_BOOL,
     float: FieldDescriptorProto.TYPE_DOUBLE,
     int: FieldDescriptorProto.TYPE_INT64,
-    bool: FieldDescriptorProto.TYPE_BOOL,
     str: FieldDescriptorProto.TYPE_STRING,
     bytes: FieldDescriptorProto.TYPE_BYTES,
 }
+"""Protobuf type of each scalar; ``bool`` stands first, because it is an ``int`` too."""
 _ENUM = "Value"
 """Enumerators are siblings of their type in protobuf, so each type gets a scope of its own."""
 
 
 def to_protobuf(message: BaseModel) -> Protobuf:
-    """``message`` with all its fields.
+    """Return ``message`` as protobuf with all its fields.
 
     Raises:
-        ExportError: a field has a type that has no counterpart.
+        ExportError: a field has a type without a counterpart in protobuf.
     """
-    result = message_class(type(message))()
-    _filler(type(message))(result, message)
-    return result
+    return message_class(type(message))(**_plain(message))
 
 
 @cache
 def message_class(model: type[BaseModel]) -> type[Protobuf]:
-    """The protobuf class of a model, ``trill.<name>``, with all it contains nested in it.
+    """Return the protobuf class ``trill.<name>`` of a model, with all it contains nested in it.
 
     Raises:
-        ExportError: a field has a type that has no counterpart.
+        ExportError: a field has a type without a counterpart in protobuf.
     """
     file = FileDescriptorProto(
         name=f"{PACKAGE}/{model.__name__}.proto", package=PACKAGE, syntax="proto3"
@@ -67,9 +65,22 @@ def message_class(model: type[BaseModel]) -> type[Protobuf]:
     return kind
 
 
+def _plain(value: Any) -> Any:
+    """Return a value as what protobuf's constructors take: dictionaries, lists and scalars."""
+    if isinstance(value, BaseModel):
+        return {name: _plain(getattr(value, name)) for name in type(value).model_fields}
+    if isinstance(value, np.ndarray):
+        return value.ravel().tolist()
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return value
+
+
 def _describe(into: DescriptorProto, model: type[BaseModel], scope: str) -> None:
+    """Add the fields of ``model`` to the message type ``into``, whose full name is ``scope``."""
     for number, (name, info) in enumerate(model.model_fields.items(), start=1):
-        kind, repeated = _kind(info.annotation, f"{model.__name__}.{name}")
+        where = f"{model.__name__}.{name}"
+        kind, repeated = _kind(info.annotation, where)
         label = (
             FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL
         )
@@ -79,10 +90,10 @@ def _describe(into: DescriptorProto, model: type[BaseModel], scope: str) -> None
         elif issubclass(kind, IntEnum):
             field.type = FieldDescriptorProto.TYPE_ENUM
             field.type_name = f"{scope}.{kind.__name__}.{_ENUM}"
-            _describe_enum(into, kind, f"{model.__name__}.{name}")
+            _describe_enum(into, kind, where)
         else:
-            field.type = FieldDescriptorProto.TYPE_MESSAGE
             nested = kind.__name__.lstrip("_")
+            field.type = FieldDescriptorProto.TYPE_MESSAGE
             field.type_name = f"{scope}.{nested}"
             if all(one.name != nested for one in into.nested_type):
                 _describe(into.nested_type.add(name=nested), kind, field.type_name)
@@ -100,56 +111,21 @@ def _describe_enum(into: DescriptorProto, kind: type[IntEnum], where: str) -> No
 
 
 def _kind(annotation: Any, where: str) -> tuple[Any, bool]:
-    """The element type of a field and whether there are several of it."""
-    if annotation is not None and get_origin(annotation) is list:
+    """Return the element type of a field and whether the field is repeated."""
+    origin = get_origin(annotation)
+    if origin is list:
         return _kind(get_args(annotation)[0], where)[0], True
-    if get_origin(annotation) is np.ndarray:
+    if origin is np.ndarray:
         return float, True
-    if get_origin(annotation) is Literal and all(isinstance(a, str) for a in get_args(annotation)):
+    if origin is Literal and all(isinstance(one, str) for one in get_args(annotation)):
         return str, False
-    if isinstance(annotation, type) and issubclass(annotation, (*_SCALARS, BaseModel)):
-        enum = issubclass(annotation, IntEnum)
-        base = next((one for one in (bool, *_SCALARS) if issubclass(annotation, one)), annotation)
-        return (annotation if enum else base), False
+    if isinstance(annotation, type):
+        if issubclass(annotation, (IntEnum, BaseModel)):
+            return annotation, False
+        for scalar in _SCALARS:
+            if issubclass(annotation, scalar):
+                return scalar, False
     raise ExportError(
         f"cannot export {where}: expected a number, text, bytes, enumeration, array, model or list "
         f"of these, got {annotation}; give it a counterpart in {__name__}"
     )
-
-
-@cache
-def _filler(model: type[BaseModel]) -> _Fill:
-    """A function that copies a message's values into its protobuf, worked out once per type."""
-    fills = [
-        _field_filler(name, *_kind(info.annotation, f"{model.__name__}.{name}"))
-        for name, info in model.model_fields.items()
-    ]
-
-    def fill(target: Any, message: Any) -> None:
-        for one in fills:
-            one(target, message)
-
-    return fill
-
-
-def _field_filler(name: str, kind: Any, repeated: bool) -> _Fill:
-    if issubclass(kind, BaseModel):
-        inner = _filler(kind)
-        if not repeated:
-            return lambda target, message: inner(getattr(target, name), getattr(message, name))
-
-        def fill_each(target: Any, message: Any) -> None:
-            field = getattr(target, name)
-            for item in getattr(message, name):
-                inner(field.add(), item)
-
-        return fill_each
-    if repeated:
-
-        def extend(target: Any, message: Any) -> None:
-            values = getattr(message, name)
-            flat = values.ravel().tolist() if isinstance(values, np.ndarray) else values
-            getattr(target, name).extend(flat)
-
-        return extend
-    return lambda target, message: setattr(target, name, getattr(message, name))

@@ -1,4 +1,4 @@
-"""The robot's visible shapes as triangles, one mesh for each link and colour."""
+"""Triangulates the robot's visible shapes, one mesh for each link and colour."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 VISUAL_GROUP = 2
-"""Geoms that are looks, not collision shapes."""
+"""Group of the geoms that are visible, not collision shapes."""
 _SIDES = 20
-"""Of a round shape."""
+"""Number of sides of a round shape."""
 _BOX, _CYLINDER, _CAPSULE, _MESH = "BOX", "CYLINDER", "CAPSULE", "MESH"
 
 Array = NDArray[np.float64]
@@ -20,7 +20,7 @@ Shape = tuple[Array, Indices]
 
 @dataclass(frozen=True, slots=True)
 class LinkMesh:
-    """What one link looks like where it has one colour, in the link's frame.
+    """The visible shapes of one link that have one colour, in the link's frame.
 
     Attributes:
         link: name of the link.
@@ -35,7 +35,7 @@ class LinkMesh:
     triangles: Indices
 
     def faceted(self) -> tuple[Array, Array]:
-        """Corners (3 m, 3) [m] of the triangles in turn, and their outward unit normals."""
+        """Return the triangles' corners (3 m, 3) [m] in turn, and their outward unit normals."""
         corners = self.vertices[self.triangles]
         faces = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         lengths = np.linalg.norm(faces, axis=1, keepdims=True)
@@ -44,14 +44,18 @@ class LinkMesh:
 
 
 def link_meshes(model: Any) -> list[LinkMesh]:
-    """The visual geoms of a MuJoCo model, joined by link and colour."""
+    """Return the visual geoms of a MuJoCo model, joined by link and colour."""
+    import mujoco
+
+    turn = np.zeros(9)
     parts: dict[tuple[int, tuple[float, ...]], list[Shape]] = {}
     for geom in range(model.ngeom):
         shape = _shape(model, geom) if model.geom_group[geom] == VISUAL_GROUP else None
         if shape is None:
             continue
         vertices, triangles = shape
-        placed = vertices @ _matrix(model.geom_quat[geom]).T + model.geom_pos[geom]
+        mujoco.mju_quat2Mat(turn, model.geom_quat[geom])
+        placed = vertices @ turn.reshape(3, 3).T + model.geom_pos[geom]
         material = model.geom_matid[geom]
         rgba = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
         key = int(model.geom_bodyid[geom]), tuple(rgba[:3].tolist())
@@ -98,7 +102,7 @@ def _mesh(model: Any, mesh: int) -> Shape:
 
 
 def box(half: Array) -> Shape:
-    """A box of half sizes ``half`` (3,) [m] about the origin."""
+    """Return a box of half sizes ``half`` (3,) [m] about the origin."""
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [t for a, b, c, d in quads for t in ((a, b, c), (a, c, d))]
@@ -106,7 +110,7 @@ def box(half: Array) -> Shape:
 
 
 def turned(profile: list[tuple[float, float]]) -> Shape:
-    """The solid swept by a ``profile`` of (radius, height) [m], from below, around z."""
+    """Return the solid that a ``profile`` of (radius, height) [m], from below, sweeps around z."""
     angles = np.arange(_SIDES) * 2.0 * np.pi / _SIDES
     rings = [[(r * np.cos(a), r * np.sin(a), z) for a in angles] for r, z in profile]
     triangles = []
@@ -117,20 +121,7 @@ def turned(profile: list[tuple[float, float]]) -> Shape:
             c, d = a + _SIDES, b + _SIDES
             triangles += [(a, b, d), (a, d, c)]
     vertices = np.array(rings).reshape(-1, 3)
-    used = np.array([t for t in triangles if _area(vertices[list(t)]) > 0.0])
-    return vertices, used
-
-
-def _area(corners: Array) -> float:
-    return float(np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0])))
-
-
-def _matrix(quaternion: Array) -> Array:
-    w, x, y, z = quaternion.tolist()
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    indices = np.array(triangles)
+    corners = vertices[indices]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return vertices, indices[np.linalg.norm(across, axis=1) > 0.0]

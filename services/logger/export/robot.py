@@ -1,4 +1,4 @@
-"""Where the robot's links are and what they look like, if MuJoCo is at hand."""
+"""Computes the poses of the robot's links and their shapes with MuJoCo."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -39,7 +39,7 @@ class RobotModel:
         self._data: Any = mujoco.MjData(self._model)
         self._joints = self._addresses(JOINT_NAMES)
         self._fingers = [self._addresses(FINGER_JOINTS[side]) for side in ("left", "right")]
-        # The torso stays at the origin, so that everything comes out in the body frame.
+        # With the torso at the origin, all poses are in the body frame.
         self._data.qpos[:7] = (0, 0, 0, 1, 0, 0, 0)
         torso = self._model.body(BODY_FRAME).id
         self._links = [
@@ -52,18 +52,18 @@ class RobotModel:
         ]
 
     def meshes(self) -> list[LinkMesh]:
-        """The looks of every link, in its frame."""
+        """Return the shapes of every link, in its frame."""
         return link_meshes(self._model)
 
     def place(self, joints: Array, gripper_closure: Array) -> None:
-        """Bring the links to ``joints`` (27,) [rad] and ``gripper_closure`` (2,), 1 closed."""
+        """Set ``joints`` (27,) [rad] and ``gripper_closure`` (2,), 1 is closed."""
         self._data.qpos[self._joints] = joints
         for addresses, closure in zip(self._fingers, gripper_closure.tolist(), strict=True):
             self._data.qpos[addresses] = GRIPPER_STROKE * (1.0 - closure)
         self._mujoco.mj_kinematics(self._model, self._data)
 
     def frames(self) -> list[Frame]:
-        """Every link in its parent link; hands and feet in the link that carries them."""
+        """Return every link in its parent link; hands and feet in the link they are fixed to."""
         data, model = self._data, self._model
         links = [
             self._relative(model.body(body).name, parent, data.xpos[body], data.xquat[body])
@@ -81,7 +81,7 @@ class RobotModel:
         return links + sites
 
     def in_body(self, site: str) -> tuple[Array, Array]:
-        """Position (3,) [m] and quaternion (4,) of a site in ``torso_link``."""
+        """Return position (3,) [m] and quaternion (4,) of a site in ``torso_link``."""
         number = self._model.site(site).id
         return self._data.site_xpos[number].copy(), self._site_quaternion(number)
 

@@ -1,4 +1,4 @@
-"""Joints and images as ROS 2 messages (CDR), which viewers draw with names and as pictures."""
+"""Encodes joints and images as ROS 2 messages (CDR)."""
 
 from functools import cache
 
@@ -15,7 +15,7 @@ from services.logger.export.samples import Sample, SampleSchema
 JOINT_STATE = "sensor_msgs/msg/JointState"
 COMPRESSED_IMAGE = "sensor_msgs/msg/CompressedImage"
 JPEG_QUALITY = 90
-"""For frames that were recorded as plain RGB."""
+"""Quality of frames that were recorded as plain RGB."""
 
 _STORE = get_typestore(Stores.ROS2_JAZZY)
 _NAMES = list(JOINT_NAMES)
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def joint_state(topic: str, stamp: int, position: Array, velocity: Array, effort: Array) -> Sample:
-    """The 27 joints with their names.
+    """Encode the 27 joints with their names.
 
     Args:
         topic: where it will be written.
@@ -40,10 +40,10 @@ def joint_state(topic: str, stamp: int, position: Array, velocity: Array, effort
 
 
 def compressed_image(topic: str, stamp: int, frame: CameraFrame) -> Sample:
-    """A camera's frame; a JPEG stays as it is, plain RGB is encoded as JPEG.
+    """Encode a camera's frame: a JPEG as it is, plain RGB as JPEG.
 
     Raises:
-        ExportError: plain RGB that does not have the size it claims.
+        ExportError: the size of plain RGB does not match its data.
     """
     data = frame.data if frame.encoding == "jpeg" else _jpeg(frame)
     message = _STORE.types[COMPRESSED_IMAGE](
@@ -55,7 +55,7 @@ def compressed_image(topic: str, stamp: int, frame: CameraFrame) -> Sample:
 
 
 def camera_frame(eye: str) -> str:
-    """Name of the frame that an eye's images are said to be in."""
+    """Return the name of the frame of an eye's images."""
     return f"{eye}_camera"
 
 

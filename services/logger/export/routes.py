@@ -1,7 +1,7 @@
-"""THE table of the export: what becomes of each topic.
+"""Maps each topic to what is exported of it.
 
-Every message goes out as it is, field by field, under its own topic; images and journals do not.
-What viewers know how to draw goes out once more in the form they draw:
+Every message is written field by field under its own topic, except images and journals. What
+viewers can draw is written once more in the form they draw:
 
 | from | topic | as |
 |---|---|---|
@@ -29,29 +29,29 @@ from common.schemas import (
     Setpoint,
 )
 from services.logger.export import ros, spatial
-from services.logger.export.clock import Times
-from services.logger.export.events import in_words
+from services.logger.export.events import event_line
 from services.logger.export.fields import to_protobuf
-from services.logger.export.links import LinkPlot
+from services.logger.export.links import link_plot
 from services.logger.export.robot import Frame, RobotModel
 from services.logger.export.samples import Sample, protobuf_sample
+from services.logger.read.wall_clock import Times
 
 TRANSFORM_PERIOD_NS = 20_000_000
 """Robot time between transforms [ns]."""
 NOT_EXPORTED: Mapping[str, str] = {
     topics.JOURNAL.name: "tables for replay, nothing a viewer could draw"
 }
-"""Topics left out, and why."""
+"""Topics that are not exported, with the reason."""
 
 Convert = Callable[[str, Any, Times], Iterator[Sample]]
-"""Takes a topic's name, a message of it and its moments; gives what is to be written."""
+"""Converts a message, given its topic's name and its times, to the samples to write."""
 
 
 class Routes:
-    """Converts the messages of one log, in their order."""
+    """Converts the messages of one log, in order."""
 
     def __init__(self, robot: RobotModel | None) -> None:
-        """Without a ``robot`` model there are no link transforms, shapes and measured hands."""
+        """Without a ``robot`` model, leave out link transforms, shapes and measured hands."""
         self._robot = robot
         self._last_transform: int | None = None
         self._table: dict[str, tuple[Convert, ...]] = {
@@ -66,14 +66,13 @@ class Routes:
         }
 
     def __call__(self, topic: str, name: str, message: Any, times: Times) -> Iterator[Sample]:
-        """All that is written for a message.
+        """Yield the samples to write for a message.
 
         Args:
             topic: the row of the topic table.
-            name: where it was published, without the robot: the topic, with the source if the
-                topic has one for each.
-            message: decoded.
-            times: its moments, wall clock.
+            name: its key without the robot: the topic, and the source if each has its own key.
+            message: the decoded message.
+            times: its times on the wall clock.
 
         Raises:
             ExportError: the message cannot be converted.
@@ -82,7 +81,7 @@ class Routes:
             yield from convert(name, message, times)
 
     def _body(self, _: str, state: PlantState, times: Times) -> Iterator[Sample]:
-        """The base at every state; the links, thinned."""
+        """Yield the base's pose at every state, and the links' transforms less often."""
         position, quaternion = state.base_position, state.base_quaternion
         yield spatial.pose_in_frame(
             "/base/measured", times.stamp, spatial.WORLD_FRAME, position, quaternion
@@ -158,7 +157,7 @@ def _image(name: str, frame: CameraFrame, times: Times) -> Iterator[Sample]:
 def _links(_: str, health: ServiceHealth, times: Times) -> Iterator[Sample]:
     for link in health.links:
         topic = f"/links/{health.service}/{link.topic}"
-        yield protobuf_sample(topic, to_protobuf(LinkPlot.of(link)))
+        yield protobuf_sample(topic, to_protobuf(link_plot(link)))
 
 
 def _scene(_: str, scene: SceneState, times: Times) -> Iterator[Sample]:
@@ -170,6 +169,6 @@ def _scene(_: str, scene: SceneState, times: Times) -> Iterator[Sample]:
 
 
 def _event(name: str, message: Any, times: Times) -> Iterator[Sample]:
-    words = in_words(message)
-    if words is not None:
-        yield spatial.log_line("/events", times.stamp, name, words.text, warning=words.warning)
+    line = event_line(message)
+    if line is not None:
+        yield spatial.log_line("/events", times.stamp, name, line.text, warning=line.warning)

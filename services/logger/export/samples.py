@@ -1,4 +1,4 @@
-"""What the export writes: bytes, with the topic and the schema they belong to."""
+"""Samples of an exported file: encoded messages with their topics and schemas."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -11,7 +11,7 @@ from google.protobuf.message import Message as Protobuf
 
 @dataclass(frozen=True, slots=True)
 class SampleSchema:
-    """A schema as MCAP knows it: ``ros2msg`` text or a serialised protobuf FileDescriptorSet."""
+    """A schema in MCAP: ``ros2msg`` text or a serialised protobuf FileDescriptorSet."""
 
     name: str
     encoding: str
@@ -21,7 +21,7 @@ class SampleSchema:
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One message to be written."""
+    """One encoded message of an exported topic."""
 
     topic: str
     schema: SampleSchema
@@ -30,16 +30,16 @@ class Sample:
 
 @cache
 def protobuf_schema(descriptor: Any) -> SampleSchema:
-    """The schema of a protobuf message, with all files it refers to."""
+    """Return the schema of a protobuf message, with all files it refers to."""
     found: dict[str, FileDescriptor] = {}
 
-    def gather(file: FileDescriptor) -> None:
+    def collect(file: FileDescriptor) -> None:
         if file.name not in found:
             for dependency in file.dependencies:
-                gather(dependency)
+                collect(dependency)
             found[file.name] = file
 
-    gather(descriptor.file)
+    collect(descriptor.file)
     files = FileDescriptorSet()
     for file in found.values():
         file.CopyToProto(files.file.add())
@@ -48,5 +48,5 @@ def protobuf_schema(descriptor: Any) -> SampleSchema:
 
 
 def protobuf_sample(topic: str, message: Protobuf) -> Sample:
-    """``message`` ready for writing under ``topic``."""
+    """Return ``message`` encoded for ``topic``."""
     return Sample(topic, protobuf_schema(message.DESCRIPTOR), message.SerializeToString())

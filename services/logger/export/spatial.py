@@ -1,6 +1,6 @@
-"""Poses, transforms, shapes and log lines as foxglove protobuf messages.
+"""Encodes poses, transforms, shapes and log lines as foxglove protobuf messages.
 
-Quaternions come in as (w, x, y, z) and leave by field name; positions are in metres.
+Quaternions are passed as (w, x, y, z) and written by field name; positions are in metres.
 """
 
 from collections.abc import Iterable, Sequence
@@ -22,27 +22,27 @@ Array = NDArray[np.float64]
 
 
 def pose_in_frame(topic: str, stamp: int, frame: str, position: Array, quaternion: Array) -> Sample:
-    """A pose (``position`` (3,) [m], ``quaternion`` (4,) w, x, y, z) expressed in ``frame``."""
+    """Encode a pose in ``frame``: ``position`` (3,) [m], ``quaternion`` (4,) w, x, y, z."""
     message = PoseInFrame(frame_id=frame)
     message.timestamp.FromNanoseconds(stamp)
-    _place(message.pose.position, position.tolist())
-    _turn(message.pose.orientation, quaternion.tolist())
+    _set_position(message.pose.position, position.tolist())
+    _set_rotation(message.pose.orientation, quaternion.tolist())
     return protobuf_sample(topic, message)
 
 
 def frame_transforms(topic: str, stamp: int, frames: Iterable[Frame]) -> Sample:
-    """Where each frame is in its parent."""
+    """Encode the pose of each frame in its parent."""
     message = FrameTransforms()
     for frame in frames:
         transform = message.transforms.add(parent_frame_id=frame.parent, child_frame_id=frame.name)
         transform.timestamp.FromNanoseconds(stamp)
-        _place(transform.translation, frame.position.tolist())
-        _turn(transform.rotation, frame.quaternion.tolist())
+        _set_position(transform.translation, frame.position.tolist())
+        _set_rotation(transform.rotation, frame.quaternion.tolist())
     return protobuf_sample(topic, message)
 
 
 def robot_scene(topic: str, stamp: int, meshes: Sequence[LinkMesh]) -> Sample:
-    """The robot's looks, each link's locked to its frame, for ever."""
+    """Encode the robot's shapes, each link's locked to its frame."""
     message = SceneUpdate()
     names = dict.fromkeys(mesh.link for mesh in meshes)
     links = {name: message.entities.add(frame_id=name, id=name) for name in names}
@@ -61,18 +61,18 @@ def robot_scene(topic: str, stamp: int, meshes: Sequence[LinkMesh]) -> Sample:
 
 
 def log_line(topic: str, stamp: int, name: str, text: str, *, warning: bool) -> Sample:
-    """Something that happened, in words."""
+    """Encode an event as a line of text."""
     level = Log.Level.WARNING if warning else Log.Level.INFO
     message = Log(level=level, message=text, name=name)
     message.timestamp.FromNanoseconds(stamp)
     return protobuf_sample(topic, message)
 
 
-def _place(target: object, position: Sequence[float]) -> None:
+def _set_position(target: object, position: Sequence[float]) -> None:
     for name, value in zip("xyz", position, strict=True):
         setattr(target, name, value)
 
 
-def _turn(target: object, quaternion: Sequence[float]) -> None:
+def _set_rotation(target: object, quaternion: Sequence[float]) -> None:
     for name, value in zip("wxyz", quaternion, strict=True):
         setattr(target, name, value)

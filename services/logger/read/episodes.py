@@ -1,11 +1,9 @@
-"""Follows episode marks and keeps the index of episodes."""
+"""Derives the episodes of a recording from its episode marks."""
 
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 from common.schemas import EpisodeMark
 from common.schemas.episode import EpisodeAction
-from services.logger.errors import LoggerError
 
 COMPLETE = "complete"
 DISCARDED = "discarded"
@@ -15,10 +13,15 @@ OPEN = "open"
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One episode of a recording; times are arrivals at the logger, monotonic clock [ns].
+    """One episode of a recording.
 
-    ``outcome`` is complete, discarded, interrupted (the next one began, or the recording ended,
-    before its end was marked) or open. ``end_ns`` of an open one is 0.
+    Attributes:
+        episode: its number.
+        label: task, condition or remark of its marks.
+        start_ns: arrival of its start mark at the logger, monotonic clock [ns].
+        end_ns: arrival of its end mark, or when it was interrupted [ns]; 0 while it is open.
+        outcome: complete, discarded, interrupted (the next episode began or the recording ended
+            before its end was marked) or open.
     """
 
     episode: int
@@ -32,37 +35,12 @@ class Episode:
         """Length [s]; 0 while open."""
         return 1e-9 * max(0, self.end_ns - self.start_ns)
 
-    def to_metadata(self) -> dict[str, str]:
-        """As an MCAP metadata record."""
-        return {name: str(value) for name, value in asdict(self).items()}
-
-    @classmethod
-    def from_metadata(cls, metadata: Mapping[str, str]) -> "Episode":
-        """Inverse of :meth:`to_metadata`.
-
-        Raises:
-            LoggerError: the metadata is not that of an episode.
-        """
-        try:
-            return cls(
-                episode=int(metadata["episode"]),
-                label=metadata["label"],
-                start_ns=int(metadata["start_ns"]),
-                end_ns=int(metadata["end_ns"]),
-                outcome=metadata["outcome"],
-            )
-        except (KeyError, ValueError) as error:
-            raise LoggerError(
-                f"an episode record is unreadable: expected number, label, times and outcome, "
-                f"got {dict(metadata)}"
-            ) from error
-
 
 class EpisodeBook:
     """Turns marks into episodes; one is open at a time.
 
-    A start while one is open interrupts that one. A mark that repeats (the same start, or an end
-    of what is not open) changes nothing.
+    A start while one is open interrupts that one. A repeated mark (the same start, or an end of
+    an episode that is not open) changes nothing.
 
     Attributes:
         open: the episode that is running.
@@ -70,45 +48,30 @@ class EpisodeBook:
         next_number: one more than the highest number seen.
     """
 
-    def __init__(self, open_episode: Episode | None = None, next_number: int = 0) -> None:
-        """Start empty, or with an episode left open by an earlier part."""
-        self.open = open_episode
+    def __init__(self, next_number: int = 0) -> None:
+        """Start without episodes; earlier recordings used the numbers below ``next_number``."""
+        self.open: Episode | None = None
         self.finished: list[Episode] = []
         self.next_number = next_number
-        if open_episode is not None:
-            self.next_number = max(next_number, open_episode.episode + 1)
 
-    def observe(self, mark: EpisodeMark, at_ns: int) -> list[Episode]:
-        """Take in a mark that arrived at ``at_ns``; returns the episodes it finished."""
+    def observe(self, mark: EpisodeMark, at_ns: int) -> None:
+        """Take in a mark that arrived at ``at_ns``."""
         running = self.open
         self.next_number = max(self.next_number, mark.episode + 1)
+        is_running = running is not None and running.episode == mark.episode
         if mark.action is EpisodeAction.START:
-            if running is not None and running.episode == mark.episode:
-                return []
-            done = self.close(at_ns)
-            self.open = Episode(mark.episode, mark.label, at_ns)
-            return done
-        if running is None or running.episode != mark.episode:
-            return []
-        outcome = COMPLETE if mark.action is EpisodeAction.END else DISCARDED
-        return self._finish(replace(running, label=mark.label or running.label), at_ns, outcome)
+            if not is_running:
+                self.close(at_ns)
+                self.open = Episode(mark.episode, mark.label, at_ns)
+        elif running is not None and is_running:
+            outcome = COMPLETE if mark.action is EpisodeAction.END else DISCARDED
+            self._finish(replace(running, label=mark.label or running.label), at_ns, outcome)
 
-    def close(self, at_ns: int) -> list[Episode]:
-        """The recording ends: an open episode is interrupted, and returned."""
-        return [] if self.open is None else self._finish(self.open, at_ns, INTERRUPTED)
+    def close(self, at_ns: int) -> None:
+        """End the recording at ``at_ns``, which interrupts an open episode."""
+        if self.open is not None:
+            self._finish(self.open, at_ns, INTERRUPTED)
 
-    def _finish(self, episode: Episode, at_ns: int, outcome: str) -> list[Episode]:
-        done = replace(episode, end_ns=at_ns, outcome=outcome)
+    def _finish(self, episode: Episode, at_ns: int, outcome: str) -> None:
+        self.finished.append(replace(episode, end_ns=at_ns, outcome=outcome))
         self.open = None
-        self.finished.append(done)
-        return [done]
-
-
-def merged(records: Iterable[Episode], marked: Iterable[Episode]) -> list[Episode]:
-    """The episodes of a recording from its records and from its marks, in order of start.
-
-    A record stands over what the marks say of the same episode, since marks may be damaged.
-    """
-    known = {(one.episode, one.start_ns): one for one in marked}
-    known |= {(one.episode, one.start_ns): one for one in records}
-    return sorted(known.values(), key=lambda one: one.start_ns)

@@ -1,12 +1,12 @@
-"""What a log is about: when, who, what, how much is missing, which episodes."""
+"""Summarises a log: when, who, what, how much is missing, which episodes."""
 
+import contextlib
+import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
-
-from mcap.records import Channel
 
 from common.errors import SchemaError
 from common.schemas import EpisodeMark, LinkChange, Message
@@ -14,23 +14,38 @@ from common.topics import EPISODE, LINK_CHANGE, Topic
 from common.wire.codec import decode
 from services.logger.errors import LoggerError
 from services.logger.log_format import (
-    ACCOUNT_METADATA,
-    EPISODE_METADATA,
+    CARRIED_METADATA,
+    DELIVERY_METADATA,
+    END_METADATA,
     REPAIR_METADATA,
     START_METADATA,
 )
-from services.logger.read.episodes import COMPLETE, DISCARDED, Episode, EpisodeBook, merged
+from services.logger.read.delivery import DeliveryCount, DeliveryStats
+from services.logger.read.episodes import Episode, EpisodeBook
 from services.logger.read.index import LogIndex, read_index
 from services.logger.read.locks import is_locked
-from services.logger.read.parts import existing_parts
-from services.logger.read.restored import RebuiltMetadata
-from services.logger.read.salvage import records_of
-from services.logger.read.tally import KeyCount, Tally
+from services.logger.read.mcap_file import open_mcap
+from services.logger.read.rebuild import DeliveryRebuilder
+from services.logger.read.recovery import recover
+from services.logger.read.segments import existing_segments
+from services.logger.read.wall_clock import WallClock
 
 
 @dataclass(frozen=True)
-class PartInfo:
-    """One file of a recording; ``origin`` is its first metadata record."""
+class SegmentInfo:
+    """One file of a recording.
+
+    Attributes:
+        path: of the file.
+        size: of the file [bytes].
+        messages: number of messages in it.
+        whole: whether it has its end.
+        repaired: whether `trill repair` wrote it.
+        open: whether it is being recorded, or repaired, at this moment.
+        start_ns: arrival of the first message, monotonic clock [ns].
+        end_ns: arrival of the last message, monotonic clock [ns].
+        origin: how the recording was made, from the file's first metadata record.
+    """
 
     path: Path
     size: int
@@ -38,39 +53,40 @@ class PartInfo:
     whole: bool
     repaired: bool
     open: bool
-    """Whether it is being recorded, or repaired, at this moment."""
     start_ns: int
     end_ns: int
     origin: dict[str, str]
 
+    @property
+    def session(self) -> str:
+        """Id that the segments written by one process have in common."""
+        return self.origin.get("session", str(self.path))
+
     def wall_ns(self, monotonic_ns: int) -> int:
-        """Wall-clock time [ns since 1970] of a time in this part; 0 if it is not known."""
-        try:
-            offset = int(self.origin["wall_ns"]) - int(self.origin["monotonic_ns"])
-        except (KeyError, ValueError):
-            return 0
-        return monotonic_ns + offset
+        """Return the wall-clock time [ns since 1970] of a monotonic one; 0 if it is not known."""
+        clock = WallClock.of(self.origin)
+        return monotonic_ns + clock.offset if clock.known else 0
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One key of a recording; ``rate`` is that of arrival [Hz], 0 if there are fewer than two."""
+    """One key of a recording: messages in the files, delivery counts, schema names."""
 
     key: str
     messages: int
-    count: KeyCount
+    count: DeliveryCount
     schemas: tuple[str, ...]
 
     @property
     def rate(self) -> float:
-        """Messages per second between its first and its last."""
+        """Arrivals per second from the first to the last [Hz]; 0 for fewer than two."""
         seconds = 1e-9 * (self.count.last_ns - self.count.first_ns)
         return (self.messages - 1) / seconds if seconds > 0 else 0.0
 
 
 @dataclass(frozen=True)
 class LinkInfo:
-    """A change of a link, when it was told [ns, monotonic]."""
+    """A change of an injected link, with the arrival of its message [ns, monotonic]."""
 
     at_ns: int
     change: LinkChange
@@ -78,55 +94,63 @@ class LinkInfo:
 
 @dataclass
 class LogInfo:
-    """Everything at once; the parts are in order."""
+    """Summary of a recording.
 
-    parts: list[PartInfo]
+    Attributes:
+        segments: its files, in order.
+        topics: its keys, in alphabetical order.
+        boots: boot ids of each service, in order of appearance.
+        episodes: in order of start.
+        links: changes of injected links, in order.
+    """
+
+    segments: list[SegmentInfo]
     topics: list[TopicInfo] = field(default_factory=list)
-    lives: dict[str, list[int]] = field(default_factory=dict)
-    """The boots of each source, in the order in which they were heard of."""
+    boots: dict[str, list[int]] = field(default_factory=dict)
     episodes: list[Episode] = field(default_factory=list)
     links: list[LinkInfo] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
-        """Whether no part lacks its end."""
-        return all(part.whole for part in self.parts)
+        """Whether every segment has its end."""
+        return all(segment.whole for segment in self.segments)
 
     @property
     def origin(self) -> dict[str, str]:
         """How the recording was made."""
-        return self.parts[0].origin
-
-    def part_of(self, at_ns: int) -> PartInfo:
-        """The part in which ``at_ns`` lies, or the last that began before."""
-        return next((p for p in reversed(self.parts) if p.start_ns <= at_ns), self.parts[0])
+        return self.segments[0].origin
 
 
 def read_info(path: Path) -> LogInfo:
-    """Look into the recording at ``path``, all its parts.
+    """Summarise the recording at ``path`` with all its segments.
 
-    Whole files are not read, only their index and the few messages that matter here; a file
-    without its end is read through.
+    Of whole files only the index and the few messages that matter here are read; a file without
+    its end is read through.
 
     Raises:
         LoggerError: there is no log.
     """
-    indexes = [read_index(part) for part in existing_parts(path) if _has_content(part)]
+    paths = [one for one in existing_segments(path) if not one.exists() or one.stat().st_size]
+    indexes = [read_index(one) for one in paths]
     if not indexes:
         raise LoggerError(f"cannot open the log {path}: there is no such file, or it is empty")
-    info = LogInfo([_part(index) for index in indexes])
-    counts: dict[str, KeyCount] = {}
-    for last in _lasts(info.parts, indexes):
-        tally = _tally(last)
-        for key, count in tally.report().items():
-            counts[key] = _sum(counts[key], count) if key in counts else count
-        for streams in tally.streams().values():
+    info = LogInfo([_segment_info(index) for index in indexes])
+    counts: dict[str, DeliveryCount] = {}
+    # The statistics in a process's last segment cover those before it.
+    last_of_session = {s.session: i for s, i in zip(info.segments, indexes, strict=True)}
+    for index in last_of_session.values():
+        delivery = _delivery_stats(index)
+        for key, count in delivery.report().items():
+            known = counts.get(key)
+            # Before a later session were mostly messages that an earlier one recorded.
+            counts[key] = count if known is None else replace(known + count, earlier=known.earlier)
+        for streams in delivery.streams().values():
             for source, boot in streams:
-                boots = info.lives.setdefault(source, [])
+                boots = info.boots.setdefault(source, [])
                 if boot not in boots:
                     boots.append(boot)
     info.topics = _topics(indexes, counts)
-    info.episodes = _episodes(info.parts, indexes)
+    info.episodes = _episodes(info.segments, indexes)
     info.links = [
         LinkInfo(at_ns, change)
         for index in indexes
@@ -137,28 +161,24 @@ def read_info(path: Path) -> LogInfo:
 
 
 def read_episodes(paths: Iterable[Path]) -> list[Episode]:
-    """The episodes in the parts of a recording; a part that is no log has none."""
+    """Return the episodes in the segments of a recording; a file that is no log has none."""
     indexes = []
     for path in paths:
         try:
             indexes.append(read_index(path))
         except LoggerError:
             continue
-    return _episodes([_part(index) for index in indexes], indexes)
+    return _episodes([_segment_info(index) for index in indexes], indexes)
 
 
-def _has_content(path: Path) -> bool:
-    return not path.exists() or path.stat().st_size > 0
-
-
-def _part(index: LogIndex) -> PartInfo:
-    origins = index.named(START_METADATA)
-    return PartInfo(
+def _segment_info(index: LogIndex) -> SegmentInfo:
+    origins = index.metadata_named(START_METADATA)
+    return SegmentInfo(
         path=index.path,
         size=index.size,
         messages=index.counts.total(),
         whole=index.whole,
-        repaired=bool(index.named(REPAIR_METADATA)),
+        repaired=bool(index.metadata_named(REPAIR_METADATA)),
         open=not index.whole and is_locked(index.path),
         start_ns=index.start_ns,
         end_ns=index.end_ns,
@@ -166,28 +186,20 @@ def _part(index: LogIndex) -> PartInfo:
     )
 
 
-def _session(part: PartInfo) -> str:
-    """What parts written by one process have in common."""
-    return part.origin.get("session", str(part.path))
+def _delivery_stats(index: LogIndex) -> DeliveryStats:
+    """Return the statistics that the log states, or rebuild them from its messages."""
+    stated = index.metadata_named(DELIVERY_METADATA)
+    if stated:
+        return DeliveryStats.from_metadata(stated[-1])
+    rebuilt = DeliveryRebuilder()
+    rebuilt.channels.update(index.channels)
+    with open_mcap(index.path) as file:
+        for _, record in recover(file):
+            rebuilt.add(record)
+    return rebuilt.stats
 
 
-def _lasts(parts: Sequence[PartInfo], indexes: Sequence[LogIndex]) -> list[LogIndex]:
-    """The last part of each process's; its account covers those before it."""
-    return list({_session(p): i for p, i in zip(parts, indexes, strict=True)}.values())
-
-
-def _tally(index: LogIndex) -> Tally:
-    states = index.named(ACCOUNT_METADATA)
-    if states:
-        return Tally.from_state(states[-1])
-    restored = RebuiltMetadata()
-    channels: dict[int, Channel] = dict(index.channels)
-    for record in records_of(index.path):
-        restored.take(record, channels)
-    return restored.tally
-
-
-def _topics(indexes: Sequence[LogIndex], counts: dict[str, KeyCount]) -> list[TopicInfo]:
+def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> list[TopicInfo]:
     messages: Counter[str] = Counter()
     schemas: dict[str, dict[str, None]] = {}
     for index in indexes:
@@ -198,32 +210,43 @@ def _topics(indexes: Sequence[LogIndex], counts: dict[str, KeyCount]) -> list[To
             if schema is not None:
                 names[schema.name] = None
     return [
-        TopicInfo(key, messages[key], counts.get(key, KeyCount()), tuple(schemas.get(key, ())))
+        TopicInfo(key, messages[key], counts.get(key, DeliveryCount()), tuple(schemas.get(key, ())))
         for key in sorted({*messages, *counts})
     ]
 
 
-def _episodes(parts: Sequence[PartInfo], indexes: Sequence[LogIndex]) -> list[Episode]:
-    records: list[Episode] = []
+def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> list[Episode]:
+    """Follow the marks through all segments."""
     book = EpisodeBook()
-    previous: PartInfo | None = None
-    for part, index in zip(parts, indexes, strict=True):
-        if previous is not None and _session(previous) != _session(part):
+    previous: SegmentInfo | None = None
+    for segment, index in zip(segments, indexes, strict=True):
+        if previous is None:
+            book.open = _carried_episode(index)
+        elif previous.session != segment.session:
             # What happened while nobody recorded is not known.
             book.close(previous.end_ns)
-        previous = part
-        records += [Episode.from_metadata(values) for values in index.named(EPISODE_METADATA)]
+        previous = segment
         for at_ns, mark in _decoded(index, EPISODE):
             if isinstance(mark, EpisodeMark):
                 book.observe(mark, at_ns)
-    marked = [*book.finished, *([book.open] if book.open is not None else [])]
-    # A part that was repaired alone calls interrupted what ends in a later one.
-    ended = {one for one in marked if one.outcome in (COMPLETE, DISCARDED)}
-    return merged([*records, *ended], marked)
+        for end in index.metadata_named(END_METADATA):
+            with contextlib.suppress(ValueError, KeyError):
+                book.close(int(end["monotonic_ns"]))
+    if previous is not None and previous.repaired:
+        book.close(previous.end_ns)
+    return book.finished if book.open is None else [*book.finished, book.open]
+
+
+def _carried_episode(index: LogIndex) -> Episode | None:
+    """Return the episode that was open when an earlier segment, not read here, ended."""
+    for carried in index.metadata_named(CARRIED_METADATA):
+        with contextlib.suppress(ValueError, KeyError, TypeError):
+            return Episode(**json.loads(carried["open_episode"]))
+    return None
 
 
 def _decoded(index: LogIndex, topic: Topic[Any]) -> list[tuple[int, Message]]:
-    """Messages of ``topic`` with their arrivals, as far as they can be read."""
+    """Return the readable messages of ``topic`` with their arrivals."""
     found: list[tuple[int, Message]] = []
     try:
         for channel, message in index.messages(lambda one: one.metadata.get("topic") == topic.name):
@@ -233,18 +256,5 @@ def _decoded(index: LogIndex, topic: Topic[Any]) -> list[tuple[int, Message]]:
             except SchemaError:
                 continue
     except LoggerError:
-        return found  # a damaged chunk: what could be read is true all the same
+        return found  # the messages before a damaged chunk are right all the same
     return found
-
-
-def _sum(one: KeyCount, other: KeyCount) -> KeyCount:
-    return KeyCount(
-        **{
-            name: getattr(one, name) + getattr(other, name)
-            for name in ("recorded", "dropped", "lost", "repeated", "late", "headerless")
-        },
-        earlier=one.earlier,
-        bytes=one.bytes + other.bytes,
-        first_ns=one.first_ns or other.first_ns,
-        last_ns=other.last_ns or one.last_ns,
-    )

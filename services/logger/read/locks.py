@@ -1,4 +1,4 @@
-"""Putting a new file in the place of an old one, so that at no moment there is none."""
+"""Locks a log against other recorders and repairs, and replaces it in one step."""
 
 import contextlib
 import fcntl
@@ -14,7 +14,11 @@ from services.logger.log_format import write_error
 
 @contextlib.contextmanager
 def locked(path: Path) -> Iterator[None]:
-    """Keep a recorder's, and any other repair's, hands off ``path``."""
+    """Hold the lock of ``path``, which a recorder or another repair would hold.
+
+    Raises:
+        LoggerError: the file cannot be opened, or another process holds its lock.
+    """
     try:
         stream = path.open("rb")
     except OSError as error:
@@ -32,7 +36,7 @@ def locked(path: Path) -> Iterator[None]:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether a recorder or a repair is at work on ``path`` at this moment."""
+    """Return whether a recorder or a repair holds the lock of ``path``."""
     try:
         with locked(path):
             return False
@@ -41,19 +45,24 @@ def is_locked(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def tidy(beside: Path, target: Path) -> Iterator[None]:
-    """Leave nothing half written behind, and say what to do about a disk that is full."""
-    beside.unlink(missing_ok=True)
+def temporary_for(target: Path) -> Iterator[Path]:
+    """Yield the path of a temporary file beside ``target``; remove what is left of it.
+
+    Raises:
+        LoggerError: writing failed, for instance because the disk is full.
+    """
+    temporary = target.with_name(f".{target.name}.repairing")
+    temporary.unlink(missing_ok=True)
     try:
-        yield
+        yield temporary
     except OSError as error:
         raise write_error(target, error) from error
     finally:
-        beside.unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
 
 
-def keep(path: Path) -> Path:
-    """Give the broken file a second name, so that at no moment there is none."""
+def keep_original(path: Path) -> Path:
+    """Give the file a second name, ``<name>.broken``, and return that."""
     names = (path.with_name(f"{path.name}.broken{'' if n == 1 else f'-{n}'}") for n in count(1))
     kept = next(name for name in names if not name.exists())
     try:
@@ -63,11 +72,11 @@ def keep(path: Path) -> Path:
     return kept
 
 
-def put(beside: Path, target: Path) -> None:
-    """Let ``beside`` take the name ``target``, for good."""
-    with beside.open("rb") as stream:
+def replace_durably(temporary: Path, target: Path) -> None:
+    """Rename ``temporary`` to ``target`` once it is on the disk."""
+    with temporary.open("rb") as stream:
         os.fsync(stream.fileno())
-    beside.replace(target)
+    temporary.replace(target)
     directory = os.open(target.parent, os.O_RDONLY)
     try:
         os.fsync(directory)

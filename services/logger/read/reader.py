@@ -1,36 +1,41 @@
-"""Reads a log back, message by message, also one whose writer was killed."""
+"""Reads the messages of a log in order, also of a log whose writer was killed."""
 
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from io import BufferedIOBase
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Metadata
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import StreamReader
-from zstandard import ZstdError
 
 from common.errors import SchemaError
 from common.schemas import Message
 from common.topics import ALL_TOPICS, Topic
 from common.wire.codec import decode
-from services.logger.errors import LoggerError
-from services.logger.log_format import REPORT_METADATA, START_METADATA
-from services.logger.read.parts import existing_parts
-from services.logger.read.tally import KeyCount, from_metadata
+from services.logger.errors import DamagedLogError, LoggerError
+from services.logger.log_format import DELIVERY_METADATA, START_METADATA
+from services.logger.read.delivery import DeliveryCount, DeliveryStats
+from services.logger.read.mcap_file import MAGIC, UNREADABLE, McapFile, Span, open_mcap
+from services.logger.read.segments import existing_segments
 
 _TOPICS: dict[str, Topic[Any]] = {topic.name: topic for topic in ALL_TOPICS}
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """One recorded message, still in its wire bytes.
+class RecordedMessage:
+    """One message of a log, still encoded as on the wire.
 
-    ``topic`` is None for a key that was not in the topic table when it was recorded, or is no
-    longer. Times are of the monotonic clock [ns].
+    Attributes:
+        key: Zenoh key it was published under.
+        topic: its row of the topic table; None for a key that was not in the table when it was
+            recorded, or no longer is.
+        tag: schema tag given by the sender; empty if none.
+        payload: the bytes.
+        log_time: arrival at the logger, monotonic clock [ns].
+        publish_time: sending, monotonic clock of the sender's host [ns].
+        sequence: sequence number of its stream, modulo 2^32.
     """
 
     key: str
@@ -43,121 +48,102 @@ class Entry:
 
 
 class LogReader:
-    """Iterates over a log in the order of arrival, front to back, without needing its index.
+    """Iterates over the messages of a log in the order of arrival.
 
-    A recording that was interrupted and went on in further parts is read as one.
+    The segments of a recording that was rotated or interrupted are read as one log.
 
-    The findings below are complete once an iteration has come to its end.
+    The attributes below, except ``path``, are complete once an iteration has ended.
 
     Attributes:
-        path: the file, or the first of its parts.
-        truncated: whether a part ends before its footer, as it does when the logger was killed.
-        refused: messages that did not fit today's schema, by topic name.
-        last_refusal: the newest refusal in words.
+        path: the file, or the first of its segments.
+        truncated: whether a segment lacks its end, as it does when the logger was killed.
+        refused: number of messages that did not fit today's schema, by topic name.
+        last_refusal: why the last of them did not.
         origin: how the recording was made; ties the monotonic clock to the wall clock.
         report: the logger's own counts by key; empty if it was killed.
     """
 
     def __init__(self, path: Path) -> None:
-        """Name the file; it is opened by each iteration."""
+        """Name the file; each iteration opens it."""
         self.path = path
         self.truncated = False
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self.origin: dict[str, str] = {}
-        self.report: dict[str, KeyCount] = {}
+        self.report: dict[str, DeliveryCount] = {}
 
-    def entries(self) -> Iterator[Entry]:
-        """Every recorded message as it came off the wire.
-
-        Raises:
-            LoggerError: the file cannot be opened or is not an MCAP log.
-        """
-        channels: dict[int, Channel] = {}
-        for record in self._records():
-            if isinstance(record, Channel):
-                channels[record.id] = record
-            elif isinstance(record, McapMessage):
-                yield _entry(channels[record.channel_id], record)
-            elif isinstance(record, Metadata) and record.name == START_METADATA:
-                self.origin = record.metadata
-            elif isinstance(record, Metadata) and record.name == REPORT_METADATA:
-                self.report = from_metadata(record.metadata)
-
-    def messages(self) -> Iterator[tuple[Topic[Any], Message]]:
-        """Every message of a known topic, decoded; those refused are counted and passed over.
+    def raw_messages(self) -> Iterator[RecordedMessage]:
+        """Yield every message as it came off the wire.
 
         Raises:
-            LoggerError: the file cannot be opened or is not an MCAP log.
+            LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
         """
-        self.refused.clear()
-        for entry in self.entries():
-            if entry.topic is None:
-                continue
-            try:
-                message = decode(entry.payload, entry.topic.schema, entry.tag or None)
-            except SchemaError as error:
-                self.refused[entry.topic.name] += 1
-                self.last_refusal = str(error)
-                continue
-            yield entry.topic, message
-
-    def _records(self) -> Iterator[McapRecord]:
         self.truncated = False
-        empty = True
-        for path in existing_parts(self.path):
-            for record in self._records_of(path):
-                empty = False
-                yield record
-        if empty:
+        read = False
+        for path in existing_segments(self.path):
+            with open_mcap(path) as file:
+                if file.size >= len(MAGIC) and not file.has_start:
+                    raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes")
+                channels: dict[int, Channel] = {}
+                for record in self._records(file):
+                    read = True
+                    if isinstance(record, Channel):
+                        channels[record.id] = record
+                    elif isinstance(record, McapMessage):
+                        yield _recorded(channels, record)
+                    elif isinstance(record, Metadata):
+                        self._note(record)
+        if not read:
             raise LoggerError(
                 f"{self.path} is not an MCAP log: expected MCAP records, got a file of "
                 f"{self.path.stat().st_size} bytes without any"
             )
 
-    def _records_of(self, path: Path) -> Iterator[McapRecord]:
-        try:
-            stream = path.open("rb")
-        except OSError as error:
-            raise LoggerError(f"cannot open the log {path}: {error.strerror}") from error
-        with stream:
-            try:
-                yield from StreamReader(_WholeReads(stream)).records
-            except EndOfFile:
-                self.truncated = True
-            except InvalidMagic as error:
-                raise LoggerError(
-                    f"{path} is not an MCAP log: expected MCAP's first bytes, got others"
-                ) from error
-            except (McapError, ZstdError, ValueError, RuntimeError) as error:
-                raise LoggerError(f"the log {path} is damaged: {error}") from error
-
-
-class _WholeReads(BufferedIOBase):
-    """A stream that never returns less than asked for: a record cut off is no record."""
-
-    def __init__(self, stream: IO[bytes]) -> None:
-        self._stream = stream
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        """Read ``size`` bytes.
+    def messages(self) -> Iterator[tuple[Topic[Any], Message]]:
+        """Yield every message of a known topic, decoded; count those refused in ``refused``.
 
         Raises:
-            EndOfFile: fewer are left.
+            LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
         """
-        data = self._stream.read(-1 if size is None else size)
-        if size is not None and len(data) < size:
-            raise EndOfFile
-        return data
+        self.refused.clear()
+        for raw in self.raw_messages():
+            if raw.topic is None:
+                continue
+            try:
+                message = decode(raw.payload, raw.topic.schema, raw.tag or None)
+            except SchemaError as error:
+                self.refused[raw.topic.name] += 1
+                self.last_refusal = str(error)
+                continue
+            yield raw.topic, message
+
+    def _records(self, file: McapFile) -> Iterator[McapRecord]:
+        """Yield the records of one segment up to its end, or to where it is cut off."""
+        last: Span | None = None
+        for last in file.spans():
+            if last.opcode == UNREADABLE and last.end == file.size:
+                break
+            yield from file.records(last)
+        if last is None or last.opcode != Opcode.FOOTER:
+            self.truncated = True
+
+    def _note(self, record: Metadata) -> None:
+        if record.name == START_METADATA:
+            self.origin = record.metadata
+        elif record.name == DELIVERY_METADATA:
+            self.report = DeliveryStats.from_metadata(record.metadata).report()
 
 
-def _entry(channel: Channel, record: McapMessage) -> Entry:
-    return Entry(
+def _recorded(channels: dict[int, Channel], message: McapMessage) -> RecordedMessage:
+    channel = channels.get(message.channel_id)
+    if channel is None:
+        raise DamagedLogError(f"channel {message.channel_id} is not described")
+    return RecordedMessage(
         key=channel.topic,
         topic=_TOPICS.get(channel.metadata.get("topic", "")),
         tag=channel.metadata.get("schema_tag", ""),
-        payload=record.data,
-        log_time=record.log_time,
-        publish_time=record.publish_time,
-        sequence=record.sequence,
+        payload=message.data,
+        log_time=message.log_time,
+        publish_time=message.publish_time,
+        sequence=message.sequence,
     )

@@ -1,4 +1,4 @@
-"""Finding out what there is to record on a bus one knows nothing about."""
+"""Asks a bus which robot is there, and what its services publish."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -7,40 +7,40 @@ from typing import Any
 from common.transport.schema_query import Description, discover
 from services.logger.errors import LoggerError
 
-PATIENCE_S = 10.0
-_AGAIN_S = 0.5
+TIMEOUT_S = 10.0
+_PERIOD_S = 0.5
 
 
 def find_robot(
     session: Any,
     where: str,
-    patience: float = PATIENCE_S,
+    timeout: float = TIMEOUT_S,
     stopping: Callable[[], bool] = lambda: False,
 ) -> str:
-    """The name of the one robot that answers on ``session``.
+    """Return the name of the one robot that answers on ``session``.
 
     Args:
         session: an open Zenoh session.
-        where: what it is connected to, for the error.
-        patience: how long nobody may answer [s].
-        stopping: asked between attempts.
+        where: the address it is connected to, for the error.
+        timeout: how long to ask [s].
+        stopping: ends the attempts when it returns True.
 
     Raises:
-        LoggerError: none answers, or several do.
+        LoggerError: no robot answers, or several do.
     """
-    give_up = time.monotonic() + patience
+    give_up = time.monotonic() + timeout
     found = discover(session)
     while not found and time.monotonic() < give_up and not stopping():
-        time.sleep(_AGAIN_S)
+        time.sleep(_PERIOD_S)
         found = discover(session)
     if found:
-        # A second robot may be a moment behind the first.
-        time.sleep(_AGAIN_S)
+        # A second robot may answer a moment later than the first.
+        time.sleep(_PERIOD_S)
         found |= discover(session)
     if not found:
         raise LoggerError(
             f"no robot answers at {where}; expected a running system there (trill up). "
-            "--robot NAME records what comes under that name without asking"
+            "--robot NAME records without asking"
         )
     if len(found) > 1:
         raise LoggerError(
@@ -51,5 +51,5 @@ def find_robot(
 
 
 def descriptions_of(session: Any, robot: str, timeout: float = 1.0) -> Mapping[str, Description]:
-    """What the services of ``robot`` say they publish, by key."""
+    """Return the descriptions of what the services of ``robot`` publish, by key."""
     return discover(session, robot, timeout).get(robot, {})

@@ -1,4 +1,4 @@
-"""Tells who asks which episode is running, and which number the next one gets."""
+"""Query endpoint of a recorder: its running episode and the next episode number."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ from services.logger.record.recorder import Recorder
 
 
 class EpisodeQueryState(BaseModel):
-    """One recorder's answer."""
+    """The answer of one recorder."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -18,11 +18,10 @@ class EpisodeQueryState(BaseModel):
     next_number: int
     open_number: int | None
     open_label: str = ""
-    finished: int
 
 
 class EpisodeQueryServer:
-    """Answers queries on ``<robot>/episodes/<recorder>``; publishes nothing of itself."""
+    """Answers queries on ``<robot>/episodes/<recorder>``."""
 
     def __init__(self, session: "zenoh.Session", robot: str, recorder: Recorder) -> None:
         """Begin to answer for ``recorder``."""
@@ -35,12 +34,12 @@ class EpisodeQueryServer:
         self._queryable: Any = session.declare_queryable(key, reply)
 
     def close(self) -> None:
-        """Answer no more; the session must still be open."""
+        """Stop answering; the session must still be open."""
         self._queryable.undeclare()
 
 
 def state_of(recorder: Recorder) -> EpisodeQueryState:
-    """How ``recorder`` stands."""
+    """Return the state of ``recorder``."""
     book = recorder.episodes
     running = book.open
     return EpisodeQueryState(
@@ -48,12 +47,11 @@ def state_of(recorder: Recorder) -> EpisodeQueryState:
         next_number=book.next_number,
         open_number=None if running is None else running.episode,
         open_label="" if running is None else running.label,
-        finished=len(book.finished),
     )
 
 
 def ask(session: "zenoh.Session", robot: str, timeout: float = 2.0) -> list[EpisodeQueryState]:
-    """How the recorders of ``robot`` stand; answers that are none are passed over."""
+    """Ask all recorders of ``robot`` for their states; ignore invalid answers."""
     states = []
     for reply in session.get(f"{robot}/episodes/*", target=zenoh.QueryTarget.ALL, timeout=timeout):
         if reply.ok is None:

@@ -1,17 +1,20 @@
-"""The bounded queue between the bus and the writer's thread."""
+"""Queues samples between the bus and the writer's thread."""
 
 import threading
 
 from common.transport.tap import RawSample
 from common.wire.header import wire_header
-from services.logger.read.tally import Tally
+from services.logger.read.delivery import DeliveryStats
 
 
 class Intake:
-    """FIFO bounded by messages and by bytes; what does not fit is dropped and accounted for.
+    """FIFO bounded by messages and by bytes; samples that do not fit are dropped and counted.
 
-    The newest is dropped, not the oldest, so that what is recorded has one gap, not many. The
-    header of what is dropped is read all the same, so that the account stays exact.
+    The newest sample is dropped, not the oldest, so that the recording has one gap instead of
+    many. Its header is read all the same, which keeps the delivery statistics exact.
+
+    Attributes:
+        dropped: number of samples dropped so far.
     """
 
     def __init__(self, max_messages: int, max_bytes: int) -> None:
@@ -21,12 +24,11 @@ class Intake:
         self._lock = threading.Lock()
         self._queue: list[RawSample] = []
         self._bytes = 0
-        self._drops = Tally()
+        self._drops = DeliveryStats()
         self.dropped = 0
-        """Messages dropped so far."""
 
     def offer(self, sample: RawSample) -> bool:
-        """Append ``sample``; False if it was dropped."""
+        """Append ``sample``; return False if it was dropped."""
         size = len(sample.payload)
         with self._lock:
             if len(self._queue) < self._max_messages and self._bytes + size <= self._max_bytes:
@@ -40,15 +42,15 @@ class Intake:
         return False
 
     def take(self) -> list[RawSample]:
-        """Empty the queue, oldest first; returns at once."""
+        """Empty the queue and return the samples, oldest first, without waiting."""
         with self._lock:
             taken, self._queue, self._bytes = self._queue, [], 0
         return taken
 
-    def take_drops(self) -> Tally:
-        """What was dropped since the last call."""
+    def take_drops(self) -> DeliveryStats:
+        """Return what was dropped since the last call."""
         with self._lock:
             if not self._drops:
                 return self._drops
-            taken, self._drops = self._drops, Tally()
+            taken, self._drops = self._drops, DeliveryStats()
         return taken

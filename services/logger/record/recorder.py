@@ -1,4 +1,4 @@
-"""The thread that moves samples from the queue to the file, part by part."""
+"""Moves samples from the queue to the log file, in a thread."""
 
 import json
 import logging
@@ -18,13 +18,13 @@ from common.wire.codec import decode
 from common.wire.header import wire_header
 from services.logger.errors import LoggerError
 from services.logger.log_format import (
-    ACCOUNT_METADATA,
     CARRIED_METADATA,
+    DELIVERY_METADATA,
     DROPS_METADATA,
-    EPISODE_METADATA,
+    END_METADATA,
 )
+from services.logger.read.delivery import DeliveryCount, DeliveryStats, total
 from services.logger.read.episodes import EpisodeBook
-from services.logger.read.tally import KeyCount, Tally, to_metadata, total
 from services.logger.record.config import LoggerConfig
 from services.logger.record.intake import Intake
 from services.logger.record.sink import McapSink
@@ -36,12 +36,12 @@ class Recorder:
     """Drains an :class:`Intake` into a :class:`McapSink` until stopped.
 
     Attributes:
-        intake: where what arrives is put.
-        episodes: the episodes so far; change nothing there.
-        messages: recorded so far.
-        bytes: of their payloads.
-        lost: missing by sequence number, a second ago at most.
-        undescribed: whether something is being recorded without a schema.
+        intake: the queue of samples that arrived.
+        episodes: the episodes so far; read only.
+        messages: number of messages recorded so far.
+        bytes: size of their payloads.
+        lost: number of messages missing by sequence number, updated once a second.
+        undescribed: whether a topic is being recorded without a schema.
     """
 
     def __init__(
@@ -53,14 +53,14 @@ class Recorder:
         next_sink: Callable[[], McapSink] | None = None,
         episodes: EpisodeBook | None = None,
     ) -> None:
-        """Prepare; nothing runs before :meth:`start`.
+        """Prepare; :meth:`start` begins to record.
 
         Args:
-            sink: where to write.
-            config: buffering, and when a new part is due.
-            robot: whose episode marks are followed.
-            next_sink: opens the file of the next part; without it there is only one.
-            episodes: what is known of episodes already.
+            sink: the file to write.
+            config: buffering and rotation.
+            robot: name of the robot whose episode marks are followed.
+            next_sink: opens the next segment's file; without it there is only one segment.
+            episodes: the episodes of earlier segments.
         """
         self.intake = Intake(config.queue_messages, config.queue_bytes)
         self.episodes = episodes or EpisodeBook()
@@ -72,23 +72,23 @@ class Recorder:
         self._config = config
         self._next_sink = next_sink
         self._episode_key = key_of(robot, EPISODE, "")
-        self._tally = Tally()
+        self._delivery = DeliveryStats()
         self._described: Mapping[str, Description] | None = None
         self._known: Mapping[str, Description] = {}
         self._began = time.monotonic()
-        self._releasing: list[threading.Thread] = []
+        self._syncing: list[threading.Thread] = []
         self._stop = threading.Event()
         self._error: LoggerError | None = None
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
 
     @property
     def error(self) -> LoggerError | None:
-        """Why recording ended, if it did; nothing is written after that."""
+        """Why recording ended early; None if it did not."""
         return self._error
 
     @property
     def path(self) -> Path:
-        """The part being written."""
+        """Path of the segment being written."""
         return self._sink.path
 
     def start(self) -> None:
@@ -96,45 +96,44 @@ class Recorder:
         self._thread.start()
 
     def describe(self, descriptions: Mapping[str, Description]) -> None:
-        """Say what senders say of their keys, from any thread."""
+        """Provide senders' descriptions of their keys, from any thread."""
         self._described = dict(descriptions)
 
-    def stop(self) -> dict[str, KeyCount]:
-        """Record what is still queued, close the file and return the counts.
+    def stop(self) -> dict[str, DeliveryCount]:
+        """Record what is queued, close the file and return the delivery counts by key.
 
         Raises:
             LoggerError: the file could not be written, now or earlier.
         """
         self._stop.set()
         self._thread.join()
-        for thread in self._releasing:
+        for thread in self._syncing:
             thread.join()
         if self._error is not None:
             raise self._error
-        for episode in self.episodes.close(time.monotonic_ns()):
-            self._sink.note(EPISODE_METADATA, episode.to_metadata())
+        self._sink.note(END_METADATA, {"monotonic_ns": str(time.monotonic_ns())})
         self._finish()
         self._sink.release()
-        return self._tally.report()
+        return self._delivery.report()
 
     def _run(self) -> None:
-        next_look = time.monotonic()
-        next_flush = next_look + self._config.flush_period
+        next_count = time.monotonic()
+        next_flush = next_count + self._config.flush_period
         try:
             while not self._stop.wait(self._config.drain_period):
                 self._drain()
                 if time.monotonic() >= next_flush:
                     self._sink.flush()
                     next_flush = time.monotonic() + self._config.flush_period
-                if time.monotonic() >= next_look:
-                    self.lost = total(self._tally.report()).lost
+                if time.monotonic() >= next_count:
+                    self.lost = total(self._delivery.report()).lost
                     self.undescribed = self._sink.undescribed
-                    next_look = time.monotonic() + 1.0
+                    next_count = time.monotonic() + 1.0
             self._drain()
         except LoggerError as error:
             self._error = error
             self._sink.abandon()
-        except Exception as error:  # noqa: BLE001 - a recorder that stops must not do so in silence
+        except Exception as error:  # noqa: BLE001 - whoever started it must see why it stopped
             _log.exception("recording failed")
             self._error = LoggerError(
                 f"recording {self._sink.path} failed: {type(error).__name__}: {error}; what was "
@@ -152,27 +151,26 @@ class Recorder:
                 self._rotate(self._next_sink)
         drops = self.intake.take_drops()
         if drops:
-            self._tally.add_drops(drops)
-            self._sink.note(DROPS_METADATA, drops.state())
+            self._delivery.add_drops(drops)
+            self._sink.note(DROPS_METADATA, drops.to_metadata())
 
     def _record(self, sample: RawSample) -> None:
         header = wire_header(sample.payload)
         self._sink.write(sample, header)
         size = len(sample.payload)
-        self._tally.record(sample.key, header, size, sample.arrival_ns)
+        self._delivery.record(sample.key, header, size, sample.arrival_ns)
         self.messages += 1
         self.bytes += size
         if sample.key == self._episode_key:
             self._follow(sample)
 
     def _follow(self, sample: RawSample) -> None:
-        """Write down the episodes that a mark finishes."""
+        """Follow an episode mark."""
         try:
             mark = decode(sample.payload, EpisodeMark, sample.tag or None)
         except SchemaError:
-            return  # recorded as it is; whoever reads the log will count it as refused
-        for episode in self.episodes.observe(mark, sample.arrival_ns):
-            self._sink.note(EPISODE_METADATA, episode.to_metadata())
+            return  # it is recorded as it is, and readers count it as refused
+        self.episodes.observe(mark, sample.arrival_ns)
 
     def _is_full(self) -> bool:
         config = self._config
@@ -184,22 +182,22 @@ class Recorder:
         )
 
     def _rotate(self, next_sink: Callable[[], McapSink]) -> None:
-        """Go on in a new part; the old one is whole, and is put on the disk in the background."""
+        """Continue in a new segment; finish the old one and sync it in the background."""
         old = self._sink
         self._finish()
         self._sink = next_sink()
         self._sink.describe(self._known)
         self._began = time.monotonic()
-        self._sink.note(CARRIED_METADATA, carried(self._tally, self.episodes))
+        self._sink.note(CARRIED_METADATA, carried(self._delivery, self.episodes))
         self._sink.flush()
-        self._releasing = [thread for thread in self._releasing if thread.is_alive()]
-        releasing = threading.Thread(target=_release, args=(old,), name="release", daemon=True)
-        releasing.start()
-        self._releasing.append(releasing)
+        self._syncing = [thread for thread in self._syncing if thread.is_alive()]
+        syncing = threading.Thread(target=_release, args=(old,), name="sync", daemon=True)
+        syncing.start()
+        self._syncing.append(syncing)
 
     def _finish(self) -> None:
-        self._sink.note(ACCOUNT_METADATA, self._tally.state())
-        self._sink.finish(to_metadata(self._tally.report()))
+        self._sink.note(DELIVERY_METADATA, self._delivery.to_metadata())
+        self._sink.finish()
 
 
 def _release(sink: McapSink) -> None:
@@ -209,11 +207,10 @@ def _release(sink: McapSink) -> None:
         _log.warning("%s", error)
 
 
-def carried(tally: Tally, episodes: EpisodeBook) -> dict[str, str]:
-    """What a part needs to know of those before it, as MCAP metadata."""
+def carried(delivery: DeliveryStats, episodes: EpisodeBook) -> dict[str, str]:
+    """Return what a segment carries of those before it, as MCAP metadata."""
     running = episodes.open
     return {
-        "account": json.dumps(tally.state()),
+        "account": json.dumps(delivery.to_metadata()),
         "open_episode": json.dumps(None if running is None else asdict(running)),
-        "next_episode": str(episodes.next_number),
     }

@@ -1,4 +1,4 @@
-"""Which topics are recorded."""
+"""Selects the topics to record by patterns."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,34 +11,34 @@ from common.transport.keys import subscription_of
 
 
 class Selection:
-    """Chooses keys by patterns relative to the robot, in Zenoh's language.
+    """Selects keys by Zenoh key expressions relative to the robot.
 
-    ``*`` stands for one part of a key and ``**`` for any number: ``plant/*``, ``camera/**``,
-    ``**/state``. What is not wanted is not even subscribed to, so that it costs no bandwidth.
+    ``*`` stands for one chunk of a key and ``**`` for any number: ``plant/*``, ``camera/**``,
+    ``**/state``. Other topics are not subscribed to, so that they cost no bandwidth.
     """
 
     def __init__(self, robot: str, topics: Iterable[str] = (), exclude: Iterable[str] = ()) -> None:
-        """Record what matches one of ``topics`` (none: everything) and none of ``exclude``.
+        """Record what matches one of ``topics`` (empty: everything) and none of ``exclude``.
 
         Raises:
-            ConfigError: a pattern is not one.
+            ConfigError: a pattern is not a key expression.
         """
         self._robot = robot
         self._topics = [_expression(robot, text) for text in topics]
         self._exclude = [_expression(robot, text) for text in exclude]
 
     def wants(self, key: str) -> bool:
-        """Whether messages of ``key`` are to be recorded."""
+        """Return whether messages of ``key`` are to be recorded."""
         wanted = zenoh.KeyExpr(key)
         if any(pattern.intersects(wanted) for pattern in self._exclude):
             return False
         return not self._topics or any(pattern.intersects(wanted) for pattern in self._topics)
 
     def expressions(self, known_keys: Iterable[str] = ()) -> list[str]:
-        """Key expressions to subscribe to; what they match is still to be asked :meth:`wants`.
+        """Return the key expressions to subscribe to; :meth:`wants` still decides on each key.
 
-        There is no "all but" on the wire. With something excluded, the topics of the table and
-        ``known_keys``, those that services say they have, are therefore subscribed to one by one.
+        Zenoh cannot subscribe to everything except something. With ``exclude``, the topics of the
+        table and ``known_keys``, which services describe, are therefore subscribed to one by one.
         """
         if not self._exclude:
             return [str(pattern) for pattern in self._topics] or [f"{self._robot}/**"]
@@ -57,6 +57,5 @@ def _expression(robot: str, text: str) -> Any:
         return zenoh.KeyExpr(f"{robot}/{text}")
     except zenoh.ZError as error:
         raise ConfigError(
-            f"{text!r} is not a pattern of topics; expected for instance plant/*, camera/** or "
-            "wbc/state"
+            f"{text!r} is not a pattern of topics; expected e.g. plant/*, camera/** or wbc/state"
         ) from error

@@ -1,6 +1,6 @@
-"""The logger's process: bus to queue to file, with its own health on the bus unless it observes.
+"""The logger's process: records the bus into files and publishes its own health.
 
-It listens to everything, answers questions about itself, and publishes nothing but its health.
+It answers queries about schemas and episodes. As an observer it publishes nothing at all.
 """
 
 import logging
@@ -24,11 +24,11 @@ from common.transport.session import new_boot_id, open_session
 from common.transport.tap import RawTap
 from services.logger.errors import LoggerError
 from services.logger.log_format import write_error
+from services.logger.read.delivery import DeliveryCount
 from services.logger.read.episodes import EpisodeBook
 from services.logger.read.info import read_episodes
 from services.logger.read.locks import is_locked
-from services.logger.read.parts import existing_parts, next_part
-from services.logger.read.tally import KeyCount
+from services.logger.read.segments import existing_segments, next_segment
 from services.logger.record.attach import descriptions_of, find_robot
 from services.logger.record.config import LoggerConfig
 from services.logger.record.episode_queries import EpisodeQueryServer
@@ -40,39 +40,41 @@ from services.logger.record.status import Status
 _log = logging.getLogger("trill.logger")
 
 HEALTH_PERIOD = 0.5
-"""Between health messages [s]."""
-ASK_PERIOD = 5.0
-"""Between questions what a topic without a schema is [s]; longer and longer if nobody knows."""
+"""Time between health messages [s]."""
+QUERY_PERIOD = 5.0
+"""First time between queries for missing schemas [s]; it grows while there is no answer."""
+_LONGEST_QUERY_PERIOD = 60.0
 
 
 class LoggerService(Service):
-    """What the logger is to the rest: a name, a period, its health."""
+    """The logger as a service: its name, period, output and exit code."""
 
     name = "logger"
     writes = (HEALTH,)
 
-    def __init__(self, recorder: Recorder, period: float) -> None:
-        """Watch ``recorder``, once each ``period`` [s]."""
+    def __init__(self, recorder: Recorder, tap: RawTap, period: float) -> None:
+        """Watch ``recorder`` and the ``tap`` that feeds it, once each ``period`` [s]."""
         self.period_ns = round(1e9 * period)
         self._recorder = recorder
+        self._tap = tap
 
     def step(self, _inputs: Inputs, _now_ns: int) -> Sequence[Output]:
-        """End the process when recording failed; the samples go their own way."""
-        if self._recorder.error is not None:
+        """End the process when receiving or writing failed."""
+        if self._recorder.error is not None or self._tap.error is not None:
             self.exit_code = 1
         return ()
 
 
 @dataclass(frozen=True)
-class Order:
-    """What is to be recorded, and how.
+class RecordingOptions:
+    """What to record, and how.
 
     Attributes:
-        bus: how to reach it.
-        path: the recording's first part; a further one is begun if it exists.
+        bus: the bus to record.
+        path: the recording's first segment; if it exists, the recording continues in a new one.
         config: of the logger.
         observe: publish nothing at all, not even health.
-        ask: find out which robot there is, instead of taking the bus's.
+        find_robot: query the robot's name instead of using that in ``bus``.
         live: show a status line on the standard error.
         realtime: scheduling in force, for the health message.
     """
@@ -81,49 +83,50 @@ class Order:
     path: Path
     config: LoggerConfig
     observe: bool = False
-    ask: bool = False
+    find_robot: bool = False
     live: bool = False
     realtime: str = "normal"
 
 
-def record(order: Order, stopping: Callable[[], bool]) -> dict[str, KeyCount]:
-    """Record until ``stopping`` says True; returns the counts by key.
+def record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str, DeliveryCount]:
+    """Record until ``stopping`` returns True; return the delivery counts by key.
 
     Raises:
-        LoggerError: the log cannot be written, another recorder is at it, or no robot is found.
+        LoggerError: receiving or writing failed, another recorder writes there, or no robot is
+            found.
         BusError: the bus cannot be opened.
-        ConfigError: a pattern of topics is none.
+        ConfigError: a pattern of topics is invalid.
     """
-    _make_room(order.path)
-    busy = next((p for p in existing_parts(order.path) if p.exists() and is_locked(p)), None)
+    _make_directory(options.path)
+    busy = next((p for p in existing_segments(options.path) if p.exists() and is_locked(p)), None)
     if busy is not None:
         raise LoggerError(
-            f"{busy} is being recorded by another logger; two in one directory would be read as "
-            "one log: give another --out"
+            f"{busy} is being recorded by another logger; both would be read as one log: give "
+            "another --out"
         )
-    Selection(order.bus.robot, order.config.topics, order.config.exclude)
-    session: Any = open_session(order.bus, LoggerService.name, stopping)
+    Selection(options.bus.robot, options.config.topics, options.config.exclude)
+    session: Any = open_session(options.bus, LoggerService.name, stopping)
     try:
-        robot = order.bus.robot
-        if order.ask:
+        robot = options.bus.robot
+        if options.find_robot:
             robot = find_robot(
                 session,
-                ", ".join(order.bus.connect_endpoints(LoggerService.name)),
+                ", ".join(options.bus.connect_endpoints(LoggerService.name)),
                 stopping=stopping,
             )
-        return _Recording(order, session, robot).run(stopping)
+        return _Recording(options, session, robot).run(stopping)
     finally:
         session.close()
 
 
 class _Recording:
-    """The parts of a running recorder on an open session."""
+    """A running recorder with its tap and queries, on an open session."""
 
-    def __init__(self, order: Order, session: Any, robot: str) -> None:
-        self._order = order
+    def __init__(self, options: RecordingOptions, session: Any, robot: str) -> None:
+        self._options = options
         self._session = session
         self._robot = robot
-        config = order.config
+        config = options.config
         self._selection = Selection(robot, config.topics, config.exclude)
         about = {
             "session": secrets.token_hex(8),
@@ -131,32 +134,33 @@ class _Recording:
             "exclude": " ".join(config.exclude),
         }
 
-        def new_part() -> McapSink:
-            path = next_part(order.path)
+        def new_segment() -> McapSink:
+            path = next_segment(options.path)
             asked = ", ".join(f"{robot}/{topic}" for topic in config.topics) or f"{robot}/**"
             _log.info("recording %s to %s", asked, path)
             return McapSink(path, robot, config, about)
 
-        earlier = [path for path in existing_parts(order.path) if path.exists()]
+        earlier = [path for path in existing_segments(options.path) if path.exists()]
         numbers = [one.episode for one in read_episodes(earlier)]
         rotates = config.rotate_size is not None or config.rotate_every is not None
         self._recorder = Recorder(
-            new_part(),
+            new_segment(),
             config,
             robot=robot,
-            next_sink=new_part if rotates else None,
+            next_sink=new_segment if rotates else None,
             episodes=EpisodeBook(next_number=max(numbers, default=-1) + 1),
         )
-        self._ask_at = 0.0
-        self._ask_after = ASK_PERIOD
+        self._query_at = 0.0
+        self._query_period = QUERY_PERIOD
 
-    def run(self, stopping: Callable[[], bool]) -> dict[str, KeyCount]:
+    def run(self, stopping: Callable[[], bool]) -> dict[str, DeliveryCount]:
         recorder = self._recorder
         recorder.start()
         try:
-            # What is known of the topics first, so that their first messages have schemas.
-            asks = self._order.ask or self._order.observe or bool(self._order.config.exclude)
-            known = descriptions_of(self._session, self._robot) if asks else {}
+            # Query the descriptions first, so that the topics' first messages have schemas.
+            options = self._options
+            queries = options.find_robot or options.observe or bool(options.config.exclude)
+            known = descriptions_of(self._session, self._robot) if queries else {}
             recorder.describe(known)
             tap = RawTap(
                 self._session,
@@ -165,25 +169,30 @@ class _Recording:
                 expressions=self._selection.expressions(known),
                 accept=self._selection.wants,
             )
-            desk = EpisodeQueryServer(self._session, self._robot, recorder)
+            episode_queries = EpisodeQueryServer(self._session, self._robot, recorder)
             try:
                 self._loop(tap, stopping)
             finally:
-                desk.close()
+                episode_queries.close()
                 tap.close()
         finally:
             report = recorder.stop()
+        if tap.error is not None:
+            raise LoggerError(
+                f"receiving failed: {type(tap.error).__name__}: {tap.error}; {recorder.path} has "
+                "what arrived before"
+            ) from tap.error
         return report
 
     def _loop(self, tap: RawTap, stopping: Callable[[], bool]) -> None:
         """Step at the service's period and publish health, until stopped or failed."""
-        order = self._order
-        service = LoggerService(self._recorder, order.config.drain_period)
-        stats = LoopStats(service, order.realtime)
-        health = None if order.observe else _Health(self._session, self._robot)
-        status = Status(self._recorder, order.config.low_disk, sys.stderr, live=order.live)
+        options = self._options
+        service = LoggerService(self._recorder, tap, options.config.drain_period)
+        stats = LoopStats(service, options.realtime)
+        health = None if options.observe else _Health(self._session, self._robot)
+        status = Status(self._recorder, options.config.low_disk, sys.stderr, live=options.live)
         inbox = Inbox(())
-        self._ask_at = time.monotonic() + ASK_PERIOD
+        self._query_at = time.monotonic() + QUERY_PERIOD
         while not stopping() and service.exit_code is None:
             started = time.monotonic_ns()
             service.step(inbox, started)
@@ -193,27 +202,27 @@ class _Recording:
             if health is not None:
                 health.update(now, stats, inbox)
             status.update(now)
-            self._ask_again(now, tap)
+            self._query_again(now, tap)
             time.sleep(max(0.0, 1e-9 * (service.period_ns - took)))
         status.end()
         if health is not None:
             health.close()
 
-    def _ask_again(self, now: float, tap: RawTap) -> None:
-        """Ask what is not known yet; services come later than the recorder."""
-        partial = bool(self._order.config.exclude)
-        if now < self._ask_at or not (self._recorder.undescribed or partial):
+    def _query_again(self, now: float, tap: RawTap) -> None:
+        """Query missing descriptions; services may start later than the recorder."""
+        partial = bool(self._options.config.exclude)
+        if now < self._query_at or not (self._recorder.undescribed or partial):
             return
         known = descriptions_of(self._session, self._robot, timeout=0.5)
         self._recorder.describe(known)
         for expression in self._selection.expressions(known) if partial else ():
             tap.listen(expression)
-        self._ask_after = min(60.0, 1.5 * self._ask_after)
-        self._ask_at = now + self._ask_after
+        self._query_period = min(_LONGEST_QUERY_PERIOD, 1.5 * self._query_period)
+        self._query_at = now + self._query_period
 
 
 class _Health:
-    """The logger's own health, the one thing it publishes."""
+    """Publishes the logger's own health."""
 
     def __init__(self, session: Any, robot: str) -> None:
         self._publisher = Publisher(session, robot, HEALTH, LoggerService.name, new_boot_id())
@@ -231,8 +240,12 @@ class _Health:
         self._publisher.close()
 
 
-def _make_room(path: Path) -> None:
-    """Make the directory first: whoever cannot write need not disturb the bus."""
+def _make_directory(path: Path) -> None:
+    """Make the directory of ``path`` before the bus is opened.
+
+    Raises:
+        LoggerError: it cannot be made or written.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if not os.access(path.parent, os.W_OK):

@@ -21,7 +21,6 @@ from common.wire.codec import schema_tag
 from services.logger.log_format import (
     COMPRESSION,
     PROFILE,
-    REPORT_METADATA,
     START_METADATA,
     write_error,
 )
@@ -32,14 +31,14 @@ class McapSink:
     """An MCAP file open for writing.
 
     Each key gets a channel with message encoding ``msgpack``, the JSON Schema of its topic and the
-    schema tag it was sent with. A key that is not in the topic table, or is sent with another
-    schema than this version's, gets the schema its sender describes it with, if that is known.
+    schema tag of its sender. For a key that is not in the topic table, or is sent with another
+    version of the schema, the sender's description of the schema is used if it is known.
     ``log_time`` is the arrival and ``publish_time`` the sender's ``header.sent``, both on the
     monotonic clock; the file's first metadata record ties that clock to the wall clock.
 
-    Schemas and channels stand in the file twice, inside the chunk where they are first used and
-    after it, so that a damaged chunk does not take the meaning of all others with it. The open
-    file is locked, so that nobody repairs what is still being written.
+    Schemas and channels are written twice, inside the chunk where they are first used and behind
+    it, so that the other chunks can be read even if that one is damaged. The open file is locked
+    against repairs.
 
     Every method raises :class:`LoggerError` when the file cannot be written.
     """
@@ -54,10 +53,10 @@ class McapSink:
         """Create ``path``; an existing file is refused, not overwritten.
 
         Args:
-            path: where to write.
-            robot: whose bus is recorded.
+            path: the file.
+            robot: name of the recorded robot.
             config: buffering and compression.
-            about: more about how the recording is made, for its first record.
+            about: facts about the recording for its first metadata record.
         """
         self.path = path
         self._robot = robot
@@ -82,24 +81,24 @@ class McapSink:
 
     @property
     def size(self) -> int:
-        """Bytes written so far, without the open chunk."""
+        """Size written so far, without the open chunk [bytes]."""
         return self._stream.tell()
 
     @property
     def undescribed(self) -> bool:
-        """Whether a channel that is in use has no schema."""
+        """Whether a channel in use has no schema."""
         return not self._bare.isdisjoint(self._channels)
 
     def describe(self, descriptions: Mapping[str, Description]) -> None:
-        """Say what senders say of their keys; channels without a schema get it from now on."""
+        """Provide senders' descriptions, for channels that have no schema so far too."""
         self._described = descriptions
         for key, tag in self._bare & self._channels.keys():
             if self._schema_of(key, tag) is not None:
                 del self._channels[key, tag]
 
     def write(self, sample: RawSample, header: Header | None) -> None:
-        """Append one message; it is safe from a kill only after the next :meth:`flush`."""
-        # Written out: this is done for every message.
+        """Append one message; after the next :meth:`flush` a kill cannot lose it."""
+        # Without _explained: this is done for every message.
         try:
             self._writer.add_message(
                 channel_id=self._channels.get((sample.key, sample.tag)) or self._channel(sample),
@@ -112,7 +111,7 @@ class McapSink:
             raise write_error(self.path, error) from error
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Write a metadata record, into the file's index too."""
+        """Write a metadata record."""
         with _explained(self.path):
             self._writer.add_metadata(name, dict(values))
 
@@ -128,27 +127,26 @@ class McapSink:
                 self._copies.clear()
                 self._stream.flush()
 
-    def close(self, report: Mapping[str, str], *, sync: bool = True) -> None:
-        """Write the report and the index, and close the file; see :meth:`finish`."""
-        self.finish(report)
+    def close(self, *, sync: bool = True) -> None:
+        """Write the index and close the file."""
+        self.finish()
         self.release(sync=sync)
 
-    def finish(self, report: Mapping[str, str]) -> None:
-        """Write the report and the index; only :meth:`release` may follow."""
+    def finish(self) -> None:
+        """Write the index; only :meth:`release` may follow."""
         self.flush()
         with _explained(self.path):
-            self._writer.add_metadata(REPORT_METADATA, dict(report))
             self._writer.finish()
             self._stream.flush()
 
     def release(self, *, sync: bool = True) -> None:
-        """Close the file, on the disk if ``sync``, which can take as long as the disk likes."""
+        """Close the file; with ``sync`` wait until it is on the disk, which can take long."""
         with _explained(self.path), self._stream:
             if sync:
                 os.fsync(self._stream.fileno())
 
     def abandon(self) -> None:
-        """Close the file as it is, after a write failed."""
+        """Close the file without an end, after a write failed."""
         with contextlib.suppress(OSError):
             self._stream.close()
 
@@ -175,7 +173,7 @@ class McapSink:
         return number
 
     def _schema_of(self, key: str, tag: str) -> tuple[str, bytes] | None:
-        """Name and JSON Schema of what is sent under ``key`` with ``tag``; None: not known."""
+        """Return name and JSON Schema of what is sent under ``key`` with ``tag``, if known."""
         topic = topic_of(self._robot, key)
         if topic is not None:
             schema: type[Message] = topic.schema
@@ -212,7 +210,7 @@ def _origin(robot: str) -> dict[str, str]:
 
 @contextlib.contextmanager
 def _explained(path: Path) -> Iterator[None]:
-    """Turn operating-system errors into one that says what to do."""
+    """Convert an operating-system error to a LoggerError that says what to do."""
     try:
         yield
     except OSError as error:

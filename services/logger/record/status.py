@@ -1,4 +1,4 @@
-"""What a person at the terminal sees of a running recording."""
+"""Shows the status of a running recording on the terminal, and warns of a full disk."""
 
 import logging
 import shutil
@@ -11,15 +11,15 @@ from services.logger.record.units import format_duration, format_size
 _log = logging.getLogger("trill.logger")
 
 PERIOD = 0.5
-"""Between status lines [s]."""
+"""Time between status lines [s]."""
 _WARN_PERIOD = 60.0
 
 
 class Status:
-    """A line that is written over itself, and a warning when the disk gets low."""
+    """Rewrites one status line, and warns when the disk is nearly full."""
 
     def __init__(self, recorder: Recorder, low_disk: int, stream: TextIO, *, live: bool) -> None:
-        """Show ``recorder`` on ``stream``; without ``live`` only warnings are given."""
+        """Show ``recorder`` on ``stream``; without ``live`` only warn."""
         self._recorder = recorder
         self._low_disk = low_disk
         self._stream = stream
@@ -30,7 +30,7 @@ class Status:
         self._width = 0
 
     def update(self, now: float) -> None:
-        """Look again if it is time to; ``now`` is monotonic [s]."""
+        """Write the line if it is due; ``now`` is monotonic [s]."""
         if now - self._then < PERIOD:
             return
         free = shutil.disk_usage(self._recorder.path.parent).free
@@ -51,7 +51,7 @@ class Status:
         self._then, self._messages, self._bytes = now, messages, size
 
     def end(self) -> None:
-        """Leave the line standing."""
+        """End the line, so that later output does not overwrite it."""
         if self._width:
             self._stream.write("\n")
             self._stream.flush()
@@ -59,7 +59,7 @@ class Status:
 
 
 def status_line(recorder: Recorder, seconds: float, messages: float, rate: float, free: int) -> str:
-    """One line: time, rates, size, what is missing, free disk, the running episode."""
+    """Return one line: time, rates, size, losses, free disk space, the running episode."""
     running = recorder.episodes.open
     episode = "" if running is None else f"  episode {running.episode} {running.label}".rstrip()
     return (
@@ -70,7 +70,7 @@ def status_line(recorder: Recorder, seconds: float, messages: float, rate: float
 
 
 def low_disk_text(free: int, rate: float, where: str) -> str:
-    """The warning, with the time left at the present rate [bytes/s]."""
+    """Return the warning, with the time left at the present rate [bytes/s]."""
     left = f", at this rate for {format_duration(free / rate)}" if rate > 0 else ""
     return (
         f"the disk is nearly full: {format_size(free)} free in {where}{left}; when it is full the "

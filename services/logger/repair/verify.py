@@ -1,4 +1,4 @@
-"""Says whether a log file is whole, and if not, why."""
+"""Checks whether a log file is whole."""
 
 import struct
 import zlib
@@ -6,120 +6,92 @@ from collections import Counter
 from collections.abc import Callable
 from io import BytesIO
 from pathlib import Path
-from typing import IO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Footer, MessageIndex
-from mcap.stream_reader import get_chunk_data_stream
+from mcap.records import Footer, MessageIndex
 
-from services.logger.errors import LoggerError
-from services.logger.read.index import (
-    BROKEN,
-    FOOTER_SIZE,
-    HEAD,
-    MAGIC,
-    has_end,
-    read_footer,
-    read_index,
-    walk,
-)
+from services.logger.errors import DamagedLogError
+from services.logger.read.chunks import DECODE_ERRORS
+from services.logger.read.index import read_index
+from services.logger.read.mcap_file import MAGIC, McapFile, open_mcap
 
-Progress = Callable[[int, int], None]
-"""Told how far a long work has got, and how far it goes [bytes]."""
+OnProgress = Callable[[int, int], None]
+"""Called with how much of a file is done and how large it is [bytes]."""
+
+_MESSAGE_IN_CHUNK = struct.Struct("<BQHIQ")
+"""How a message record begins: opcode, length, channel, sequence, log time."""
 
 
-class _FaultError(Exception):
-    """Something is wrong with the file; the text says what."""
+def fault_of(path: Path, on_progress: OnProgress | None = None) -> str:
+    """Read the whole file and return what is wrong with it; an empty text if nothing is.
 
-
-def fault_of(path: Path, progress: Progress | None = None) -> str:
-    """Read all of the file; what is wrong with it, in words, or nothing.
-
-    Checks what every reader relies on: that the records follow one another to the end, each
-    chunk's checksum, each message's place in the index, and that the index at the end tells the
-    same story.
+    Checks what readers rely on: that records follow one another from the beginning to the end,
+    each chunk's checksum, each message's place in the index, and that the index at the end agrees
+    with the records.
 
     Raises:
-        LoggerError: it cannot be opened.
+        LoggerError: the file cannot be opened.
     """
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as stream:
-            if stream.read(len(MAGIC)) != MAGIC:
-                return "it does not begin like an MCAP file"
-            if not has_end(stream, size):
-                return "its end is missing"
-            _check_summary(stream, size)
-            _check_records(path, stream, size, progress)
-    except _FaultError as fault:
-        return str(fault)
-    except OSError as error:
-        raise LoggerError(f"cannot open the log {path}: {error.strerror}") from error
-    except BROKEN as error:
-        return f"it is damaged ({error})"
+    with open_mcap(path) as file:
+        if not file.has_start:
+            return "it does not begin like an MCAP file"
+        if not file.has_end:
+            return "its end is missing"
+        try:
+            footer = _check_records(file, on_progress)
+            _check_summary_checksum(file, footer)
+        except DamagedLogError as fault:
+            return str(fault)
+        except DECODE_ERRORS as error:
+            return f"it is damaged ({error})"
     return ""
 
 
-def _check_summary(stream: IO[bytes], size: int) -> None:
-    footer: Footer = read_footer(stream, size)
-    if not footer.summary_start:
-        raise _FaultError("it has no index")
-    stream.seek(footer.summary_start)
-    # The checksum covers the summary and the footer's own first fields.
-    covered = stream.read(size - FOOTER_SIZE + HEAD.size + 16 - footer.summary_start)
-    if footer.summary_crc and zlib.crc32(covered) != footer.summary_crc:
-        raise _FaultError("the checksum of its index is wrong")
-
-
-def _check_records(path: Path, stream: IO[bytes], size: int, progress: Progress | None) -> None:
-    index = read_index(path)
+def _check_records(file: McapFile, on_progress: OnProgress | None) -> Footer:
+    """Check the records against the index; return the footer."""
+    index = read_index(file.path)
     if not index.whole:
-        raise _FaultError("its index is unreadable")
+        raise DamagedLogError("its index is unreadable")
     counts: Counter[int] = Counter()
     chunks: list[int] = []
     metadata = 0
     inside = b""
-    ended = 0
-    for offset, opcode, length in walk(stream, size):
-        stream.seek(offset + HEAD.size)
-        ended = offset + HEAD.size + length
-        if opcode == Opcode.CHUNK:
-            inside = _checked_chunk(stream.read(length), offset)
-            chunks.append(offset)
-            if progress is not None:
-                progress(offset, size)
-        elif opcode == Opcode.MESSAGE_INDEX:
-            found = MessageIndex.read(ReadDataStream(stream))
-            _check_places(found, inside)
+    footer: Footer | None = None
+    for span in file.spans():
+        if span.opcode == Opcode.CHUNK:
+            inside = file.chunk_data(span)
+            chunks.append(span.start)
+            if on_progress is not None:
+                on_progress(span.end, file.size)
+        elif span.opcode == Opcode.MESSAGE_INDEX:
+            body = file.bytes_of(span.body, span.end)
+            found = MessageIndex.read(ReadDataStream(BytesIO(body)))
+            _check_message_index(found, inside)
             counts[found.channel_id] += len(found.records)
-        elif opcode == Opcode.METADATA:
+        elif span.opcode == Opcode.METADATA:
             metadata += 1
-        elif opcode == Opcode.FOOTER:
-            break
-    if ended != size - len(MAGIC):
-        raise _FaultError(f"its records end at byte {ended} of {size}")
+        else:
+            footer = next((r for r in file.records(span) if isinstance(r, Footer)), None)
+    if footer is None or span.end != file.size - len(MAGIC):
+        raise DamagedLogError(f"its records end at byte {span.end} of {file.size}")
     if +counts != +index.counts or chunks != [place.offset for place in index.chunks]:
-        raise _FaultError("its index does not fit its messages")
+        raise DamagedLogError("its index does not fit its messages")
     if metadata != len(index.metadata) or not counts.keys() <= index.channels.keys():
-        raise _FaultError("its index leaves records out")
+        raise DamagedLogError("its index leaves records out")
+    return footer
 
 
-def _checked_chunk(body: bytes, offset: int) -> bytes:
-    chunk = Chunk.read(ReadDataStream(BytesIO(body)))
-    try:
-        stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-    except BROKEN as error:
-        raise _FaultError(f"the chunk at byte {offset} is damaged ({error})") from error
-    data: bytes = stream.read(size)
-    if len(data) != chunk.uncompressed_size:
-        raise _FaultError(f"the chunk at byte {offset} has a wrong size")
-    return data
-
-
-def _check_places(index: MessageIndex, inside: bytes) -> None:
+def _check_message_index(index: MessageIndex, inside: bytes) -> None:
     """Check that a chunk's message index points at messages of its channel."""
     for time, place in index.records:
-        opcode, _, channel, _, log_time = struct.unpack_from("<BQHIQ", inside, place)
+        opcode, _, channel, _, log_time = _MESSAGE_IN_CHUNK.unpack_from(inside, place)
         if (opcode, channel, log_time) != (Opcode.MESSAGE, index.channel_id, time):
-            raise _FaultError("a message index does not fit its chunk")
+            raise DamagedLogError("a message index does not fit its chunk")
+
+
+def _check_summary_checksum(file: McapFile, footer: Footer) -> None:
+    """Check the index's checksum, which covers the footer without the checksum itself as well."""
+    covered = file.bytes_of(footer.summary_start, file.size - len(MAGIC) - 4)
+    if footer.summary_crc and zlib.crc32(covered) != footer.summary_crc:
+        raise DamagedLogError("the checksum of its index is wrong")

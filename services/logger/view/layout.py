@@ -1,4 +1,4 @@
-"""What Rerun shows of an exported log at first: robot, eyes, plots and events."""
+"""Defines the initial layout in Rerun: robot, cameras, plots and events."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -15,12 +15,12 @@ from services.logger.export.spatial import WORLD_FRAME
 
 RED, BLUE, ORANGE = (225, 87, 89), (78, 121, 167), (242, 142, 43)
 _PLANE = "_image_plane"
-"""What Rerun's importer adds to the frame of a CompressedImage."""
+"""Suffix that Rerun's importer adds to the frame of a CompressedImage."""
 _PERIODIC = frozenset(topic.name for topic in ALL_TOPICS if topic.rate > 0.0)
 
 
 def blueprint(topics: Iterable[str]) -> rrb.Blueprint:
-    """The layout for an exported file with these ``topics``."""
+    """Return the layout for an exported file with these ``topics``."""
     links = [one for one in topics if one.startswith("/links/")]
     return rrb.Blueprint(
         rrb.Horizontal(
@@ -95,7 +95,7 @@ def _joints() -> rrb.TimeSeriesView:
 
 
 def _ages(links: Sequence[str]) -> rrb.TimeSeriesView:
-    """How old the inputs of each service are; events have no age that would mean anything."""
+    """Plot the age of each service's periodic inputs; the age of an event means nothing."""
     shown = [link for link in links if link.split("/", 3)[3] in _PERIODIC]
     curves = {
         link: [_curve("LinkPlot", ".age", link.removeprefix("/links/").replace("/", " < ", 1))]
@@ -117,7 +117,7 @@ def _plot(name: str, curves: Mapping[str, Sequence[Any]]) -> rrb.TimeSeriesView:
 def _curve(
     schema: str, selector: str, name: str, colour: tuple[int, int, int] | None = None
 ) -> Any:
-    """A curve of the number that a selector, in the manner of jq, finds in a ``schema``."""
+    """Return a curve of the number that a jq-like selector finds in a ``schema``."""
     return rr.SeriesLines(names=name, colors=colour).visualizer(
         mappings=[_mapping("Scalars:scalars", f"trill.{schema}:message", selector)]
     )

@@ -1,4 +1,4 @@
-"""Opens a log in Rerun: exported, with the robot's looks and a layout, kept beside the log."""
+"""Opens a log in Rerun: converted, with the robot's shapes and a layout, kept beside the log."""
 
 import importlib.util
 import os
@@ -9,17 +9,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.logger.export.convert import Progress, Summary, export_log
+from services.logger.export.convert import OnProgress, Summary, export_log
 from services.logger.export.errors import ExportError
-from services.logger.read.parts import existing_parts
+from services.logger.read.segments import existing_segments
 
 APPLICATION = "trill"
 SUFFIX = "-view.rrd"
 SETPOINT_RADIUS = 0.035
-"""Of the spheres that show where the hands should be [m]."""
+"""Radius of the spheres that show where the hands should be [m]."""
 _SIDE_COLOURS = {"left": (78, 121, 167), "right": (242, 142, 43)}
-
-Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +26,7 @@ class Prepared:
 
     Attributes:
         path: the .rrd file.
-        summary: what the export left; None if an earlier file was taken.
+        summary: what was converted; None if an earlier file is used.
     """
 
     path: Path
@@ -36,10 +34,10 @@ class Prepared:
 
 
 def require_rerun() -> None:
-    """Make sure that Rerun can be imported.
+    """Check that Rerun can be imported.
 
     Raises:
-        ExportError: it is not installed.
+        ExportError: Rerun is not installed.
     """
     if importlib.util.find_spec("rerun") is None:
         raise ExportError(
@@ -48,24 +46,24 @@ def require_rerun() -> None:
         )
 
 
-def prepare(log: Path, *, fresh: bool, progress: Progress) -> Prepared:
-    """Turn ``log`` into a Rerun recording, or find the one made before.
+def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> Prepared:
+    """Convert ``log`` to a Rerun recording, or find the one made before.
 
-    It lies beside the log, or in the temporary directory where that cannot be written, and is made
-    anew when the log has grown, or for ``fresh``.
+    The recording lies beside the log, or in the temporary directory if that place cannot be
+    written. It is made again when the log has grown, and for ``fresh``.
 
     Raises:
         LoggerError: there is no readable log.
-        ExportError: it cannot be converted.
+        ExportError: the log cannot be converted.
     """
     require_rerun()
-    place = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
-    path = place / f"{log.stem}{SUFFIX}"
-    if not fresh and _newer(path, existing_parts(log)):
+    folder = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
+    path = folder / f"{log.stem}{SUFFIX}"
+    if not fresh and _newer(path, existing_segments(log)):
         return Prepared(path, None)
-    with tempfile.TemporaryDirectory(prefix="trill-view-", dir=place) as work:
+    with tempfile.TemporaryDirectory(prefix="trill-view-", dir=folder) as work:
         exported = Path(work) / "exported.mcap"
-        summary = export_log(log, exported, progress=progress)
+        summary = export_log(log, exported, on_progress=on_progress)
         unfinished = Path(work) / path.name
         write_recording(exported, unfinished, name=log.parent.name)
         unfinished.replace(path)
@@ -73,12 +71,12 @@ def prepare(log: Path, *, fresh: bool, progress: Progress) -> Prepared:
 
 
 def write_recording(exported: Path, path: Path, name: str) -> None:
-    """Write an exported file as a Rerun recording, with what only Rerun's own format can hold.
+    """Write an exported file as a Rerun recording, with robot shapes and layout.
 
     Args:
         exported: made by :func:`export_log`.
         path: the .rrd file to write.
-        name: what the viewer calls it.
+        name: shown in the viewer.
     """
     import rerun as rr
     from rerun.chunk import McapReader, OptimizationProfile
@@ -104,22 +102,26 @@ def show(path: Path) -> int:
     return subprocess.run([*_COMMAND, str(path)], env=_environment(), check=False).returncode
 
 
-def show_in_browser(path: Path, port: int, tell: Tell) -> None:
+def show_in_browser(path: Path, port: int, on_address: Callable[[str], None]) -> None:
     """Serve the recording and the web viewer on this machine until interrupted.
 
     Args:
         path: the .rrd file.
         port: of the loopback interface; 0: any free one.
-        tell: told the address to open.
+        on_address: called with the address to open.
 
     Raises:
         ExportError: the port is taken, or Rerun does not work.
     """
-    from services.logger.view.webview import WebView, viewer_pages
+    from services.logger.view.webview import RECORDING, address_of, fetch_viewer, web_server
 
-    view = WebView(path, viewer_pages(_COMMAND, _environment()), port)
-    tell(view.url)
-    view.serve()
+    with tempfile.TemporaryDirectory(prefix="trill-view-") as work:
+        folder = Path(work)
+        with web_server(folder, port) as server:
+            fetch_viewer(folder, _COMMAND, _environment())
+            (folder / RECORDING).symlink_to(path.absolute())
+            on_address(address_of(server))
+            server.serve_forever()
 
 
 def has_display() -> bool:
@@ -133,18 +135,18 @@ _COMMAND = (sys.executable, "-m", "rerun_cli")
 
 
 def _environment() -> dict[str, str]:
-    # Rerun takes this for a test machine and sends no usage statistics, whatever was configured.
+    # With CI set Rerun sends no usage statistics, whatever is configured.
     return {**os.environ, "CI": "1"}
 
 
-def _newer(path: Path, parts: list[Path]) -> bool:
-    if not path.exists() or not all(part.exists() for part in parts):
+def _newer(path: Path, segments: list[Path]) -> bool:
+    if not path.exists() or not all(one.exists() for one in segments):
         return False
-    return path.stat().st_mtime > max(part.stat().st_mtime for part in parts)
+    return path.stat().st_mtime > max(one.stat().st_mtime for one in segments)
 
 
 def _log_shapes(recording: "rr.RecordingStream") -> None:  # type: ignore[name-defined] # noqa: F821
-    """The robot's looks, fixed to the frames of its links, and marks for the set-points."""
+    """Log the robot's shapes in the frames of its links, and spheres for the set-points."""
     import rerun as rr
 
     from services.logger.export.robot import RobotModel
@@ -158,7 +160,7 @@ def _log_shapes(recording: "rr.RecordingStream") -> None:  # type: ignore[name-d
         recording.log(f"/hands/{side}/setpoint", mark, static=True, strict=True)
     try:
         meshes = RobotModel().meshes()
-    except ImportError:  # the export has said so
+    except ImportError:  # noted in the summary already
         return
     for number, mesh in enumerate(meshes):
         corners, normals = mesh.faceted()

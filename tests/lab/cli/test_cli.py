@@ -32,7 +32,8 @@ def test_every_command_teaches(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [[], ["fly"], ["demo", "--mode", "heroic"], ["top", "--base-port", "x"], ["report"]]
+    "words",
+    [[], ["fly"], ["demo", "--torque-mode", "heroic"], ["top", "--base-port", "x"], ["report"]],
 )
 def test_wrong_options_exit_with_2(words: list[str]) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -135,7 +136,7 @@ def test_the_command_runs_from_anywhere(tmp_path: Path) -> None:
         text=True,
         check=True,
     )
-    assert "Publishes" in ended.stdout
+    assert "--ledger" in ended.stdout
 
 
 def test_a_viewers_machine_needs_neither_physics_nor_solvers() -> None:

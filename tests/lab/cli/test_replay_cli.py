@@ -1,4 +1,4 @@
-"""``trill replay``: real logs run again, from the golden one to cut-off ones."""
+"""``trill replay``: recorded services run again, on the golden log and on broken ones."""
 
 import json
 from collections.abc import Callable
@@ -12,7 +12,7 @@ from common.transport.tap import RawSample
 from common.wire.codec import decode, encode
 from common.wire.header import wire_header
 from lab.cli.main import main
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from services.teleop.scripted.library import SCRIPTS, ScriptOptions
@@ -31,15 +31,15 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def rewritten(path: Path, to: Path, change: Callable[[Entry], bytes | None]) -> Path:
+def rewritten(path: Path, to: Path, change: Callable[[RecordedMessage], bytes | None]) -> Path:
     """Copy a log with other payloads, or (None) without a message."""
     sink = McapSink(to, "draco3", LoggerConfig())
-    for entry in LogReader(path).entries():
-        payload = change(entry)
+    for raw in LogReader(path).raw_messages():
+        payload = change(raw)
         if payload is not None:
-            sample = RawSample(entry.key, payload, entry.tag, entry.log_time)
+            sample = RawSample(raw.key, payload, raw.tag, raw.log_time)
             sink.write(sample, wire_header(payload))
-    sink.close({})
+    sink.close()
     return to
 
 
@@ -81,23 +81,23 @@ def test_a_changed_gain_shows_where_it_begins_to_matter(
     assert "|Δ|" in out
 
 
-def test_what_was_said_is_written_as_a_log(fresh: Path, tmp_path: Path) -> None:
+def test_the_outputs_are_written_as_a_log(fresh: Path, tmp_path: Path) -> None:
     out = tmp_path / "again.mcap"
     assert main(["replay", str(fresh), "--service", "wbc", "--out", str(out)]) == 0
-    again = {(entry.key, entry.sequence): entry for entry in LogReader(out).entries()}
-    then = {(entry.key, entry.sequence): entry for entry in LogReader(fresh).entries()}
+    again = {(raw.key, raw.sequence): raw for raw in LogReader(out).raw_messages()}
+    then = {(raw.key, raw.sequence): raw for raw in LogReader(fresh).raw_messages()}
     assert len(again) > 250
-    for name, entry in again.items():
-        assert entry.payload == then[name].payload
-        assert entry.tag == then[name].tag
+    for name, raw in again.items():
+        assert raw.payload == then[name].payload
+        assert raw.tag == then[name].tag
 
 
-def test_a_window_in_seconds_of_the_life(fresh: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_window_in_seconds_of_the_run(fresh: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(fresh), "--check", "--from", "0.5", "--until", "1"]) == 0
     assert "wbc/command          51 compared, 51 equal" in capsys.readouterr().out
 
 
-def test_lives_are_listed(fresh: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_runs_are_listed(fresh: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["replay", str(fresh), "--list"]) == 0
     assert capsys.readouterr().out.splitlines()[1].split() == ["wbc", "1", "126", "1.2", "yes"]
 
@@ -106,8 +106,8 @@ def test_lives_are_listed(fresh: Path, capsys: pytest.CaptureFixture[str]) -> No
     ("words", "reason"),
     [
         (["--service", "sim"], "no journal of 'sim'; it has those of wbc"),
-        (["--service", "wbc", "--life", "2"], "expected a life of wbc from 1 to 1, got 2"),
-        (["--check", "--life", "2"], "nothing in the log can be replayed"),
+        (["--service", "wbc", "--run", "2"], "expected a run of wbc from 1 to 1, got 2"),
+        (["--check", "--run", "2"], "nothing in the log can be replayed"),
         (["--check", "--set", "tasks.torso.kp=1"], "--set needs exactly one --service"),
         (["--service", "wbc", "--set", "tasks.torso.kq=1"], "tasks.torso.kq: no such key"),
         (["--service", "wbc", "--set", "tasks"], "expected KEY=VALUE"),
@@ -132,8 +132,8 @@ def test_no_log_is_no_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_a_log_that_began_too_late(
     fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def later(entry: Entry) -> bytes | None:
-        return None if entry.log_time < 600_000_000 else entry.payload
+    def later(raw: RecordedMessage) -> bytes | None:
+        return None if raw.log_time < 600_000_000 else raw.payload
 
     log = rewritten(fresh, tmp_path / "late.mcap", later)
     assert main(["replay", str(log), "--service", "wbc"]) == 2
@@ -145,15 +145,15 @@ def test_a_log_that_began_too_late(
 def test_a_log_without_settings(
     fresh: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def untold(entry: Entry) -> bytes | None:
-        if entry.topic is not JOURNAL:
-            return entry.payload
-        journal = decode(entry.payload, StepJournal)
+    def without(raw: RecordedMessage) -> bytes | None:
+        if raw.topic is not JOURNAL:
+            return raw.payload
+        journal = decode(raw.payload, StepJournal)
         return encode(journal.model_copy(update={"settings": ""}), journal.header)
 
-    log = rewritten(fresh, tmp_path / "untold.mcap", untold)
+    log = rewritten(fresh, tmp_path / "without.mcap", without)
     assert main(["replay", str(log), "--service", "wbc"]) == 2
-    assert "does not tell what it was built from" in capsys.readouterr().err
+    assert "does not have its settings" in capsys.readouterr().err
 
 
 def test_an_operator_is_built_again_from_its_settings() -> None:

@@ -88,13 +88,15 @@ def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_wo
 
 
 def test_the_process_list_follows_the_options() -> None:
-    specs = {s.name: s for s in robot_processes(SystemOptions(mode="rated"), Path("r"))}
+    specs = {s.name: s for s in robot_processes(SystemOptions(torque_mode="rated"), Path("r"))}
     assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
     assert specs["wbc"].args == ("--torque-mode", "rated")
-    assert specs["sim"].args == ("--torque-mode", "rated", "--seed", "0")
+    assert specs["sim"].args == ("--torque-mode", "rated")
     task = robot_processes(SystemOptions(task="door/unlock", seed=7), Path("r"))
     (plant,) = (spec.args for spec in task if spec.name == "sim")
-    assert plant[2:] == ("--seed", "7", "--task", "door/unlock")
+    assert plant == ("--seed", "7", "--task", "door/unlock")
+    # A configuration file decides what no option says.
+    assert all(spec.args == () for spec in robot_processes(SystemOptions(), Path("r"))[2:])
     assert specs["logger"].args == ("--out", "r")
     assert not specs["cameras"].essential
     assert not specs["router"].essential

@@ -1,7 +1,8 @@
-"""The ledger of a log: exact figures, links over time, files, and what a person is told."""
+"""The latency breakdown of a log: exact figures, links over time, files and texts."""
 
 import csv
 from collections.abc import Iterator
+from io import StringIO
 from math import isnan
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from rich.console import Console
 
 from common.journal.journal import UNKNOWN, Take
 from common.journal.ledger import STAGES, Ledger
@@ -16,12 +18,11 @@ from common.schemas import Header, LinkChange, LinkHealth, Message, StepJournal,
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE, Topic
 from common.transport.keys import key_of
 from common.wire.codec import encode, schema_tag
-from lab.cli.ledger import as_text
 from lab.cli.main import main
 from lab.errors import LabError
-from lab.logs.ledger_log import ledger_table, write_csv
+from lab.logs.ledger_log import ledger_table, render, write_csv
 from lab.monitor.ledger_text import short_ms, stage_cells
-from services.logger.read.reader import Entry
+from services.logger.read.reader import RecordedMessage
 from tests.common.transport.support import health as example_health
 
 MS = 1_000_000
@@ -78,10 +79,10 @@ class FakeLog:
         self.path = Path("made up.mcap")
         self._pairs = pairs
 
-    def entries(self) -> Iterator[Entry]:
+    def raw_messages(self) -> Iterator[RecordedMessage]:
         for topic, message in self._pairs:
             sent = message.header.sent
-            yield Entry(
+            yield RecordedMessage(
                 key=key_of("draco3", topic, message.header.source),
                 topic=topic,
                 tag=schema_tag(type(message)),
@@ -106,6 +107,13 @@ def second(number: int) -> StepJournal:
 
 def full_log(seconds: int = 10) -> Any:
     return FakeLog(*[(JOURNAL, second(number)) for number in range(seconds)])
+
+
+def as_text(log: Any) -> str:
+    console = Console(file=StringIO(), width=140)
+    with console.capture() as captured:
+        console.print(render(ledger_table(log), "made up"))
+    return captured.get()
 
 
 def test_figures_are_those_of_the_rows() -> None:
@@ -145,7 +153,7 @@ def test_an_unknown_clock_is_left_out_of_wire_and_total() -> None:
     }
 
 
-def test_links_are_told_apart_over_time() -> None:
+def test_links_are_separated_over_time() -> None:
     log: Any = FakeLog(
         (LINK_CHANGE, change(200.0, "2ms")),
         *[(JOURNAL, second(number)) for number in range(5)],
@@ -162,7 +170,7 @@ def test_links_are_told_apart_over_time() -> None:
     assert (1e3 * later.requested_p99, 1e3 * later.achieved_mean) == pytest.approx((7.0, 7.0))
 
 
-def test_health_tells_of_links_that_no_change_told_of() -> None:
+def test_health_gives_the_delay_of_links_without_a_change_message() -> None:
     link = LinkHealth(
         topic="teleop/setpoint", received=1, rate=1.0, age=0.1, gaps=0, refused=0,
         link="trace(gone.csv)", requested_mean=0.25, requested_p99=0.5,
@@ -177,7 +185,7 @@ def test_health_tells_of_links_that_no_change_told_of() -> None:
         assert (found.requested_mean, found.requested_p99, found.passed) == (0.25, 0.5, 2)
 
 
-def test_a_link_nobody_can_explain_has_unknown_wishes() -> None:
+def test_the_requested_delay_of_an_unreadable_link_is_unknown() -> None:
     log: Any = FakeLog((LINK_CHANGE, change(200.0, "magic")), (JOURNAL, second(1)))
     (found,) = ledger_table(log).links
     assert isnan(found.requested_mean)
@@ -242,7 +250,7 @@ def test_csv_has_every_stage(tmp_path: Path) -> None:
 def test_command_writes_table_and_plot(
     tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lab.cli.ledger.LogReader", lambda _path: full_log())
+    monkeypatch.setattr("services.logger.read.reader.LogReader", lambda _path: full_log())
     plot = tmp_path / "ledger.png"
     assert main(["ledger", "any.mcap", "--from", "1", "--plot", str(plot)]) == 0
     assert "teleop/setpoint > wbc" in capsys.readouterr().out
@@ -269,6 +277,6 @@ def test_mistakes_are_explained(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     if arguments[0] == "any.mcap":
-        monkeypatch.setattr("lab.cli.ledger.LogReader", lambda _path: full_log())
+        monkeypatch.setattr("services.logger.read.reader.LogReader", lambda _path: full_log())
     assert main(["ledger", *arguments]) == code
     assert complaint in capsys.readouterr().err

@@ -23,7 +23,7 @@ from common.wire.header import wire_header
 from lab.cli.main import main
 from lab.errors import LabError
 from lab.logs.playback import Extent, Player, PlayOptions, extent_of, play
-from services.logger.read.reader import Entry, LogReader
+from services.logger.read.reader import LogReader, RecordedMessage
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from tests.common.runtime.toys import gait_request
@@ -50,7 +50,7 @@ def log(tmp_path: Path) -> tuple[Path, list[RawSample]]:
     sink = McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig())
     for each in samples:
         sink.write(each, None)
-    sink.close({})
+    sink.close()
     return tmp_path / "log.mcap", samples
 
 
@@ -128,15 +128,15 @@ def test_the_way_to_the_window_is_not_made_up_for(
             self.now += seconds
 
     wall, sent = Wall(), list[tuple[float, int]]()
-    entries = LogReader(path).entries()
+    entries = LogReader(path).raw_messages()
 
-    def slowly(_reader: LogReader) -> Iterator[Entry]:
+    def slowly(_reader: LogReader) -> Iterator[RecordedMessage]:
         for entry in entries:
             wall.now += 0.05 if entry.log_time < 10**9 + 500 * MS else 0.0
             yield entry
 
     monkeypatch.setattr("lab.logs.playback.time", wall)
-    monkeypatch.setattr("lab.logs.playback.LogReader.entries", slowly)
+    monkeypatch.setattr("lab.logs.playback.LogReader.raw_messages", slowly)
     player = Player(None, path, Extent("draco3", 10**9, 2 * 10**9), options(port, window=(0.5, 9)))
     monkeypatch.setattr(player, "_publish", lambda e: sent.append((wall.now, e.log_time)))
     looks = len([place for place in player.play() if place == 0.5])
@@ -221,7 +221,7 @@ def test_ctrl_c_ends_a_loop_cleanly(
 
 
 def test_an_empty_log_is_said_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig()).close({})
+    McapSink(tmp_path / "log.mcap", "draco3", LoggerConfig()).close()
     assert main(["replay", str(tmp_path)]) == 1
     assert "holds no message" in capsys.readouterr().err
 

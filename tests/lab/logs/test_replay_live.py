@@ -1,4 +1,4 @@
-"""The proof: what processes did live, over Zenoh and the wall's clock, is replayed to the byte."""
+"""What services did live, over Zenoh and on the wall clock, is replayed to the byte."""
 
 import json
 import os
@@ -71,7 +71,7 @@ def test_live_services_are_replayed_to_the_byte(
     port = free_base_port(16)
     wbc = ("services.wbc", "--link", "plant/state=normal(3ms, 2ms) loss=2%")
 
-    def said(name: str, text: str) -> int:
+    def printed(name: str, text: str) -> int:
         return (tmp_path / f"{name}.txt").read_text().count(text)
 
     with (
@@ -80,29 +80,29 @@ def test_live_services_are_replayed_to_the_byte(
         running(tmp_path, port, "services.teleop", "scripted", "--script", "script.json") as teleop,
     ):
         with running(tmp_path, port, *wbc) as first:
-            wait_for(lambda: said("wbc", "is on the bus") == 1, "the first life")
+            wait_for(lambda: printed("wbc", "is on the bus") == 1, "the first run")
             # Enough to stand up and begin a gait, unless the machine is overloaded.
             time.sleep(8.0)
             assert first.poll() is None, (tmp_path / "wbc.txt").read_text()
             first.kill()
         # What becomes of the robot is for others to test; an overloaded machine may let it fall.
         with running(tmp_path, port, *wbc) as second:
-            wait_for(lambda: said("wbc", "is on the bus") == 2, "the second life")
+            wait_for(lambda: printed("wbc", "is on the bus") == 2, "the second run")
             time.sleep(3.0)
-            # The operator gives up, code 1, if the second life takes long to begin.
+            # The operator gives up, code 1, if the second run takes long to begin.
             stop(teleop, expected=(0, 1))
             stop(second)
             stop(sim)
         stop(logger)
 
     log = tmp_path / "log" / "log.mcap"
-    lives = {(life.service, life.number): life for life in runs_in(log)}
-    assert set(lives) == {("sim", 1), ("teleop", 1), ("wbc", 1), ("wbc", 2)}
-    assert not any(life.obstacle or life.ends for life in lives.values())
-    # Beyond its first seconds a life's journal says only what was taken in: the log has the bytes.
-    assert len(lives["wbc", 1].needed()) > 100
-    assert lives["wbc", 1].length > 200
-    assert lives["wbc", 2].length > 50
+    runs = {(run.service, run.number): run for run in runs_in(log)}
+    assert set(runs) == {("sim", 1), ("teleop", 1), ("wbc", 1), ("wbc", 2)}
+    assert not any(run.obstacle or run.ends for run in runs.values())
+    # After a run's first seconds its journal only names its inputs: the log has the bytes.
+    assert len(runs["wbc", 1].needed()) > 100
+    assert runs["wbc", 1].length > 200
+    assert runs["wbc", 2].length > 50
     code = main(["replay", str(log), "--service", "wbc", "--service", "teleop"])
     # The plant may have waited long for the others to start.
     code += main(["replay", str(log), "--service", "sim", "--until", "15"])

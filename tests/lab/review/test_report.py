@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from common.schemas import Gait
+from common.schemas import Gait, Header
 from common.topics import TELEOP_GAIT
 from common.wire.header import wire_header
 from deploy.launch import Verdict
@@ -13,7 +13,8 @@ from lab.errors import LabError
 from lab.review.report import file_lines, known_verdict, report_lines, write_summary
 from lab.review.summary import summarise
 from services.logger.errors import LoggerError
-from services.logger.read.tally import KeyCount, to_metadata
+from services.logger.log_format import DELIVERY_METADATA
+from services.logger.read.delivery import DeliveryStats
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from tests.disk import fill
@@ -27,17 +28,21 @@ def recorded(run_dir: Path) -> None:
     for pair in robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)):
         one = sample(pair, at=robot.now / 1000)
         sink.write(one, wire_header(one.payload))
-    sink.close(to_metadata({f"draco3/{TELEOP_GAIT.name}": KeyCount(recorded=1, dropped=3)}))
+    stats = DeliveryStats()
+    for seq in range(3):
+        stats.drop(f"draco3/{TELEOP_GAIT.name}", Header(seq=seq, boot=1, source="teleop"))
+    sink.note(DELIVERY_METADATA, stats.to_metadata())
+    sink.close()
 
 
 def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
     recorded(tmp_path)
-    summary = write_summary(tmp_path, Verdict("completed"), {"mode": "rated"})
+    summary = write_summary(tmp_path, Verdict("completed"), {"torque_mode": "rated"})
     assert summary.gaits["forward"].completed == 1
     assert summary.topics[TELEOP_GAIT.name].dropped == 3
     assert not summary.log_truncated
     kept = json.loads((tmp_path / "summary.json").read_text())
-    assert kept["environment"]["mode"] == "rated"
+    assert kept["environment"]["torque_mode"] == "rated"
     assert kept["environment"]["python"].startswith("3.")
     assert kept["gait_runs"][0]["forward"] == pytest.approx(0.2)
     text = "\n".join(report_lines(summary))
@@ -52,10 +57,10 @@ def test_a_log_becomes_a_summary_file_and_a_report(tmp_path: Path) -> None:
 
 def test_summing_up_again_keeps_the_verdict(tmp_path: Path) -> None:
     recorded(tmp_path)
-    write_summary(tmp_path, Verdict("interrupted", "why"), {"mode": "rated"})
+    write_summary(tmp_path, Verdict("interrupted", "why"), {"torque_mode": "rated"})
     verdict, settings = known_verdict(tmp_path)
     assert verdict == Verdict("interrupted", "why")
-    assert settings["mode"] == "rated"
+    assert settings["torque_mode"] == "rated"
     (tmp_path / "summary.json").write_text("{}")
     verdict, settings = known_verdict(tmp_path)
     assert (verdict.outcome, settings) == ("unknown", {})
@@ -81,9 +86,9 @@ def test_a_full_disk_does_not_destroy_the_verdict(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded(tmp_path)
-    write_summary(tmp_path, Verdict("timed out", "too slow"), {"mode": "rated"})
+    write_summary(tmp_path, Verdict("timed out", "too slow"), {"torque_mode": "rated"})
     fill(monkeypatch)
     with pytest.raises(LabError, match="No space left"):
         write_summary(tmp_path, Verdict("completed"), {})
     verdict, settings = known_verdict(tmp_path)
-    assert (verdict, settings["mode"]) == (Verdict("timed out", "too slow"), "rated")
+    assert (verdict, settings["torque_mode"]) == (Verdict("timed out", "too slow"), "rated")

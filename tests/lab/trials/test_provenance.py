@@ -1,13 +1,15 @@
 """The digest names every module that has a part in an episode, and nothing else."""
 
+import platform
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import lab.trials.provenance
-from lab.trials.provenance import ROOT, closure, digest, revision
+from lab.trials.provenance import ROOT, closure, digest, environment, revision
 
 WORK = """
 import sys
@@ -76,3 +78,11 @@ def test_no_clone_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path / "inside")
     # Installed below somebody else's clone.
     assert revision.__wrapped__() == ""
+
+
+def test_the_record_of_a_run_names_python_machine_and_packages() -> None:
+    record = environment()
+    assert record["python"] == platform.python_version()
+    assert int(record["cpus"]) >= 1
+    assert record["numpy"] == np.__version__
+    assert record.get("commit", "") == revision()

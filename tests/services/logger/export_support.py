@@ -105,7 +105,7 @@ def write(path: Path, samples: list[RawSample], *, finish: bool = True) -> None:
     for one in samples:
         sink.write(one, wire_header(one.payload))
     if finish:
-        sink.close({})
+        sink.close()
     else:
         sink.flush()
         sink.abandon()

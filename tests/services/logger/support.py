@@ -25,7 +25,8 @@ START, END, DISCARD = EpisodeAction.START, EpisodeAction.END, EpisodeAction.DISC
 
 
 def sample(key: str, message: Message, seq: int, at: int, source: str = "s") -> RawSample:
-    header = Header(seq=seq, sent=at, boot=1, source=source)
+    """A message that arrived at ``at`` and was sent 1 ns before."""
+    header = Header(seq=seq, sent=at - 1, boot=1, source=source)
     return RawSample(f"draco3/{key}", encode(message, header), schema_tag(type(message)), at)
 
 
@@ -55,17 +56,17 @@ def write(
     config: LoggerConfig | None = None,
     flush_each: int = 10**9,
 ) -> None:
-    """A file without account, as the sink alone makes it."""
+    """A file without delivery statistics, as the sink alone writes it."""
     sink = McapSink(path, "draco3", config or LoggerConfig())
     for number, arrival in enumerate(arrivals, start=1):
         sink.write(arrival, wire_header(arrival.payload))
         if number % flush_each == 0:
             sink.flush()
-    sink.close({})
+    sink.close()
 
 
 def record(path: Path, arrivals: list[RawSample], config: LoggerConfig | None = None) -> Recorder:
-    """A whole recording, as the recorder makes it."""
+    """A whole recording, as the recorder writes it."""
     config = config or LoggerConfig()
     recorder = Recorder(McapSink(path, "draco3", config), config)
     recorder.start()

@@ -1,4 +1,4 @@
-"""A recorder that comes as a guest: finds the robot and its topics, and says nothing."""
+"""A recorder connected as a client finds the robot and its topics, and publishes nothing."""
 
 import ast
 import json
@@ -17,6 +17,8 @@ from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
 from common.transport.schema_query import Description, SchemaServer, discover
 from common.transport.session import open_session
+from common.transport.tap import RawSample
+from common.wire.header import wire_header
 from deploy.ports import reserve_base_port
 from lab.errors import LabError
 from lab.logs.mark import mark
@@ -27,7 +29,9 @@ from services.logger.read.reader import LogReader
 from services.logger.record import service
 from services.logger.record.attach import find_robot
 from services.logger.record.config import LoggerConfig
-from services.logger.record.service import Order, record
+from services.logger.record.intake import Intake
+from services.logger.record.service import RecordingOptions, record
+from services.logger.repair.verify import fault_of
 
 
 @pytest.fixture
@@ -38,7 +42,7 @@ def bus() -> Iterator[BusConfig]:
 
 @pytest.fixture
 def robot(bus: BusConfig) -> Iterator[Any]:
-    """A plant that describes itself, publishes gaits, and something nobody here knows."""
+    """A plant that describes itself, publishes gaits, and a topic that is in no table."""
     session: Any = open_session(bus, "sim")
     server = SchemaServer("draco3", "sim", (TELEOP_GAIT, CAMERA_LEFT))
     server.open(session)
@@ -85,7 +89,7 @@ class Spy:
 class Running:
     """A recorder in a thread of this process, stopped when the context is left."""
 
-    def __init__(self, order: Order, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self, options: RecordingOptions, monkeypatch: pytest.MonkeyPatch) -> None:
         self.spies: list[Spy] = []
 
         def opened(*args: Any) -> Spy:
@@ -96,12 +100,12 @@ class Running:
         self._stop = threading.Event()
         self.report: Any = None
         self.error: Exception | None = None
-        self._order = order
+        self._options = options
         self._thread = threading.Thread(target=self._run)
 
     def _run(self) -> None:
         try:
-            self.report = record(self._order, self._stop.is_set)
+            self.report = record(self._options, self._stop.is_set)
         except Exception as error:  # noqa: BLE001 - shown by the test
             self.error = error
 
@@ -155,7 +159,7 @@ def test_two_robots_have_to_be_chosen_from_and_none_is_said(bus: BusConfig) -> N
     session: Any = open_session(bus, "sim")
     asking: Any = open_session(guest(bus), "logger")
     with pytest.raises(LoggerError, match="no robot answers at here"):
-        find_robot(asking, "here", patience=0.2)
+        find_robot(asking, "here", timeout=0.2)
     servers = [SchemaServer(name, "sim", (HEALTH,)) for name in ("r1", "r2")]
     servers[0].open(session)
     assert find_robot(asking, "here") == "r1"
@@ -168,14 +172,14 @@ def test_two_robots_have_to_be_chosen_from_and_none_is_said(bus: BusConfig) -> N
     session.close()
 
 
-def test_a_guest_records_without_being_told_anything_and_publishes_nothing(
+def test_a_client_finds_the_robot_and_its_schemas_and_publishes_nothing(
     bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = tmp_path / "log.mcap"
     gaits = Publisher(robot, "draco3", TELEOP_GAIT, "teleop", 5)
     encoding = "application/msgpack;trill/ArmPose/3;abc"
-    order = Order(guest(bus), log, LoggerConfig(), observe=True, ask=True)
-    with Running(order, monkeypatch) as running:
+    options = RecordingOptions(guest(bus), log, LoggerConfig(), observe=True, find_robot=True)
+    with Running(options, monkeypatch) as running:
         send_until(
             lambda: running.error or (log.exists() and log.stat().st_size > 3000),
             lambda: gaits.send(GaitRequest(request_id=1, gait=Gait.FORWARD)),
@@ -194,12 +198,39 @@ def test_a_guest_records_without_being_told_anything_and_publishes_nothing(
     assert answers.startswith("draco3/episodes/")
 
 
+def test_a_recorder_that_can_receive_no_more_ends_with_an_error(
+    bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = tmp_path / "log.mcap"
+    gaits = Publisher(robot, "draco3", TELEOP_GAIT, "teleop", 5)
+    offer = Intake.offer
+
+    def fail_at_20(intake: Intake, sample: RawSample) -> bool:
+        if wire_header(sample.payload).seq == 20:  # type: ignore[union-attr]
+            raise ValueError("no such luck")
+        return offer(intake, sample)
+
+    monkeypatch.setattr(Intake, "offer", fail_at_20)
+    with Running(
+        RecordingOptions(bus, log, LoggerConfig(topics=("teleop/*",))), monkeypatch
+    ) as running:
+        send_until(
+            lambda: running.error is not None,
+            lambda: gaits.send(GaitRequest(request_id=1, gait=Gait.FORWARD)),
+        )
+    assert isinstance(running.error, LoggerError)
+    assert "ValueError: no such luck" in str(running.error)
+    # What arrived before is in a whole file.
+    assert fault_of(log) == ""
+    assert [one.sequence for one in LogReader(log).raw_messages()][-1] == 19
+
+
 def test_at_home_the_one_key_it_publishes_is_its_health(
     bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = tmp_path / "log.mcap"
     gaits = Publisher(robot, "draco3", TELEOP_GAIT, "teleop", 5)
-    with Running(Order(bus, log, LoggerConfig()), monkeypatch) as running:
+    with Running(RecordingOptions(bus, log, LoggerConfig()), monkeypatch) as running:
         send_until(
             lambda: running.error or (log.exists() and log.stat().st_size > 3000),
             lambda: gaits.send(GaitRequest(request_id=1, gait=Gait.FORWARD)),
@@ -235,13 +266,15 @@ def test_no_code_of_the_logger_could_publish_anything_else() -> None:
 def test_excluded_topics_are_not_recorded_and_late_ones_are(
     bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(service, "ASK_PERIOD", 0.3)
+    monkeypatch.setattr(service, "QUERY_PERIOD", 0.3)
     log = tmp_path / "log.mcap"
     gaits = Publisher(robot, "draco3", TELEOP_GAIT, "teleop", 5)
     eye = Publisher(robot, "draco3", HEALTH, "sim", 5)
     encoding = "application/msgpack;trill/ArmPose/3;abc"
-    order = Order(guest(bus), log, LoggerConfig(exclude=("health/**",)), observe=True, ask=True)
-    with Running(order, monkeypatch) as running:
+    options = RecordingOptions(
+        guest(bus), log, LoggerConfig(exclude=("health/**",)), observe=True, find_robot=True
+    )
+    with Running(options, monkeypatch) as running:
         send_until(
             lambda: running.error or (log.exists() and log.stat().st_size > 4000),
             lambda: gaits.send(GaitRequest(request_id=1, gait=Gait.FORWARD)),
@@ -249,7 +282,7 @@ def test_excluded_topics_are_not_recorded_and_late_ones_are(
             lambda: robot.put("draco3/health/sim", b"\x80"),
         )
     assert running.error is None
-    assert {entry.key for entry in LogReader(log).entries()} == {
+    assert {entry.key for entry in LogReader(log).raw_messages()} == {
         "draco3/teleop/gait",
         "draco3/arm/pose",
     }
@@ -260,10 +293,10 @@ def test_excluded_topics_are_not_recorded_and_late_ones_are(
 def test_marks_are_numbered_recorded_and_confirmed(
     bus: BusConfig, robot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lab.logs.mark.PATIENCE_S", 20.0)
+    monkeypatch.setattr("lab.logs.mark.TIMEOUT_S", 20.0)
     log = tmp_path / "log.mcap"
     me = guest(bus)
-    with Running(Order(bus, log, LoggerConfig()), monkeypatch) as running:
+    with Running(RecordingOptions(bus, log, LoggerConfig()), monkeypatch) as running:
         texts = [
             mark(me, EpisodeAction.START, "door"),
             mark(me, EpisodeAction.END),
@@ -282,7 +315,7 @@ def test_marks_are_numbered_recorded_and_confirmed(
         (1, "again", "interrupted"),
         (2, "slipped", "discarded"),
     ]
-    monkeypatch.setattr("lab.logs.mark.PATIENCE_S", 0.3)
+    monkeypatch.setattr("lab.logs.mark.TIMEOUT_S", 0.3)
     with pytest.raises(LabError, match="no recorder of draco3 answers"):
         mark(me, EpisodeAction.START)
     assert EPISODE.name == "episode"

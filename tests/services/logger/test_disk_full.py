@@ -17,8 +17,8 @@ from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
 from common.transport.session import open_session
 from deploy.ports import reserve_base_port
+from services.logger.read.delivery import total
 from services.logger.read.reader import LogReader
-from services.logger.read.tally import total
 from services.logger.repair.repair import repair
 from services.logger.repair.verify import fault_of
 
@@ -77,7 +77,7 @@ def check(log: Path, code: int, printed: str, publisher: Any, send: Callable[[],
         send()
     assert (publisher.sent, publisher.errors) == (before + 20, 0)
     reader = LogReader(log)
-    readable = [entry.payload for entry in reader.entries()]
+    readable = [entry.payload for entry in reader.raw_messages()]
     assert reader.truncated
     assert len(readable) > 0.4 * ROOM / 20_000
     saved = log.parent.parent / "saved.mcap"
@@ -85,7 +85,7 @@ def check(log: Path, code: int, printed: str, publisher: Any, send: Callable[[],
     assert fault_of(saved) == ""
     assert done.messages >= len(readable)
     assert total(done.report).lost == 0
-    assert [entry.payload for entry in LogReader(saved).entries()][: len(readable)] == readable
+    assert [entry.payload for entry in LogReader(saved).raw_messages()][: len(readable)] == readable
 
 
 def test_a_limit_on_the_file(tmp_path: Path, feed: Any) -> None:

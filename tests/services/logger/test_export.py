@@ -1,4 +1,4 @@
-"""What is exported says the same as the log, to decoders that are not ours."""
+"""An exported file holds the same as the log, read by independent decoders."""
 
 from collections import Counter
 from pathlib import Path
@@ -169,7 +169,7 @@ def test_health_is_laid_flat_for_plots(exported: dict[str, list[Read]]) -> None:
     assert one.message.link == "normal(122ms, 190ms)"
 
 
-def test_events_are_told_in_words(exported: dict[str, list[Read]]) -> None:
+def test_events_are_lines_of_text(exported: dict[str, list[Read]]) -> None:
     asked, refused = exported["/events"]
     assert asked.message.message == "gait TURN_LEFT requested (#7)"
     assert refused.message.message == "gait TURN_LEFT REFUSED (#7): busy"
@@ -238,13 +238,13 @@ def test_an_interrupted_export_leaves_nothing(tmp_path: Path) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", progress=interrupt)
+        export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", on_progress=interrupt)
     assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
 
 
 def test_progress_ends_at_the_total(tmp_path: Path) -> None:
     write(tmp_path / "log.mcap", session())
-    told: list[tuple[int, int]] = []
-    export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", progress=lambda *x: told.append(x))
+    calls: list[tuple[int, int]] = []
+    export_log(tmp_path / "log.mcap", tmp_path / "out.mcap", on_progress=lambda *x: calls.append(x))
     total = len(session())
-    assert told[-1] == (total, total)
+    assert calls[-1] == (total, total)

@@ -11,7 +11,7 @@ from common.schemas import ControllerState, ControlState, Gait, LinkHealth, Mess
 from common.topics import ALL_TOPICS, Topic
 from services.logger.export.errors import ExportError
 from services.logger.export.fields import message_class, to_protobuf
-from services.logger.export.links import LinkPlot
+from services.logger.export.links import link_plot
 from tests.services.logger.export_support import health, plant
 
 
@@ -96,6 +96,6 @@ def test_every_stage_has_its_plot() -> None:
         refused=0,
         stages=[StageTime(stage=s, median=0.5, p99=0.75) for s in stages],
     )
-    got = LinkPlot.of(link)
+    got = link_plot(link)
     for stage in stages:
         assert (getattr(got, f"{stage}_median"), getattr(got, f"{stage}_p99")) == (0.5, 0.75)

@@ -1,4 +1,4 @@
-"""Preparing a log for Rerun, and serving it to a browser and nobody else."""
+"""A log is prepared for Rerun, and served to a browser on this machine only."""
 
 import os
 import threading
@@ -13,28 +13,34 @@ import pytest
 from services.logger.export.convert import Summary, export_log
 from services.logger.export.errors import ExportError
 from services.logger.view import rerun as view
-from services.logger.view.webview import WebView
+from services.logger.view.webview import RECORDING, address_of, web_server
 from tests.services.logger.export_support import session, write
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[WebView]:
+def served(tmp_path: Path) -> Iterator[str]:
+    """Address of a server of a page and a recording that lies elsewhere."""
     (tmp_path / "log.rrd").write_bytes(b"a recording")
-    web = WebView(tmp_path / "log.rrd", {"/": ("text/html", b"<p>page</p>")})
-    thread = threading.Thread(target=web.serve)
-    thread.start()
-    yield web
-    web.close()
-    thread.join()
+    folder = tmp_path / "served"
+    folder.mkdir()
+    (folder / "index.html").write_text("<p>page</p>")
+    (folder / "viewer.wasm").write_bytes(b"")
+    (folder / RECORDING).symlink_to(tmp_path / "log.rrd")
+    with web_server(folder) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield address_of(server)
+        server.shutdown()
+        thread.join()
 
 
-def test_the_page_names_a_recording_that_is_served(served: WebView) -> None:
-    address = urlsplit(served.url)
+def test_the_page_names_a_recording_that_is_served(served: str) -> None:
+    address = urlsplit(served)
     assert address.hostname == "127.0.0.1"
     (recording,) = parse_qs(address.query)["url"]
     with urllib.request.urlopen(recording) as answer:
         assert answer.read() == b"a recording"
-    with urllib.request.urlopen(served.url) as answer:
+    with urllib.request.urlopen(served) as answer:
         assert answer.read() == b"<p>page</p>"
         policy = answer.headers["Content-Security-Policy"]
     # A browser lets a page under this policy talk to its own server only.
@@ -43,27 +49,32 @@ def test_the_page_names_a_recording_that_is_served(served: WebView) -> None:
     assert "*" not in policy
 
 
-def test_other_files_are_not_served(served: WebView) -> None:
+def test_the_viewer_program_has_the_type_that_browsers_need(served: str) -> None:
+    with urllib.request.urlopen(served.partition("?")[0] + "viewer.wasm") as answer:
+        assert answer.headers["Content-Type"] == "application/wasm"
+
+
+def test_other_files_are_not_served(served: str) -> None:
     for path in ("/log.rrd", "/../log.rrd", "/etc/passwd"):
         with pytest.raises(urllib.error.HTTPError, match="404"):
-            urllib.request.urlopen(served.url.partition("/?")[0] + path)
+            urllib.request.urlopen(served.partition("/?")[0] + path)
 
 
-def test_a_taken_port_is_named(served: WebView, tmp_path: Path) -> None:
-    port = urlsplit(served.url).port
+def test_a_taken_port_is_named(served: str, tmp_path: Path) -> None:
+    port = urlsplit(served).port
     assert port is not None
     with pytest.raises(ExportError, match=rf"127\.0\.0\.1:{port}: Address already in use.*--port"):
-        WebView(tmp_path / "log.rrd", {}, port)
+        web_server(tmp_path, port)
 
 
 def test_without_rerun_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(ExportError, match=r"Rerun is not installed; pip install 'trill\[view\]'"):
-        view.prepare(tmp_path / "log.mcap", fresh=False, progress=lambda done, total: None)
+        view.prepare(tmp_path / "log.mcap", fresh=False, on_progress=lambda done, total: None)
 
 
 def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
-    return view.prepare(log, fresh=fresh, progress=lambda done, total: None).summary
+    return view.prepare(log, fresh=fresh, on_progress=lambda done, total: None).summary
 
 
 def test_a_recording_is_kept_until_the_log_grows(

@@ -1,63 +1,40 @@
-"""What is written comes back, also from a file cut off anywhere and a disk that is full."""
+"""What is written comes back, also from a file that is cut off and a disk that is full."""
 
 import json
 import os
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from mcap.reader import make_reader
 
-from common.schemas import CameraFrame, Gait, GaitRequest, Header, PlantAction, PlantRequest
+from common.schemas import CameraFrame, GaitRequest, Header, PlantAction, PlantRequest
 from common.transport.tap import RawSample
 from common.wire.codec import encode, schema_tag
-from common.wire.header import wire_header
 from services.logger.errors import LoggerError
 from services.logger.read.reader import LogReader
 from services.logger.record.config import LoggerConfig
 from services.logger.record.recorder import Recorder
 from services.logger.record.sink import McapSink
-
-
-def gait(seq: int, sent: int = 0) -> RawSample:
-    header = Header(seq=seq, sent=sent, boot=1, source="teleop")
-    payload = encode(GaitRequest(request_id=seq, gait=Gait.FORWARD), header)
-    return RawSample("draco3/teleop/gait", payload, schema_tag(GaitRequest), 1000 + seq)
-
-
-def picture(seq: int, size: int = 5000) -> RawSample:
-    noise = np.random.default_rng(seq).bytes(size)
-    frame = CameraFrame(eye="left", width=10, height=10, encoding="jpeg", data=noise)
-    header = Header(seq=seq, sent=0, boot=1, source="camera")
-    return RawSample(
-        "draco3/camera/left", encode(frame, header), schema_tag(CameraFrame), 1000 + seq
-    )
-
-
-def write(path: Path, arrivals: list[RawSample], config: LoggerConfig | None = None) -> None:
-    sink = McapSink(path, "draco3", config or LoggerConfig())
-    for arrival in arrivals:
-        sink.write(arrival, wire_header(arrival.payload))
-    sink.close({})
+from tests.services.logger.support import gait, picture, write
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
 def test_bytes_times_and_order_come_back(tmp_path: Path, compression: str) -> None:
-    arrivals = [gait(0, sent=900), picture(0), gait(1, sent=901), picture(1)]
+    arrivals = [gait(0), picture(0), gait(1), picture(1)]
     config = LoggerConfig.model_validate({"compression": compression})
     write(tmp_path / "log.mcap", arrivals, config)
     reader = LogReader(tmp_path / "log.mcap")
-    entries = list(reader.entries())
-    assert [entry.payload for entry in entries] == [one.payload for one in arrivals]
-    assert [entry.key for entry in entries] == [one.key for one in arrivals]
-    assert [entry.log_time for entry in entries] == [1000, 1000, 1001, 1001]
-    assert [entry.publish_time for entry in entries[::2]] == [900, 901]
-    assert [entry.sequence for entry in entries] == [0, 0, 1, 1]
+    messages = list(reader.raw_messages())
+    assert [raw.payload for raw in messages] == [one.payload for one in arrivals]
+    assert [raw.key for raw in messages] == [one.key for one in arrivals]
+    assert [raw.log_time for raw in messages] == [1000, 1000, 1001, 1001]
+    assert [raw.publish_time for raw in messages[::2]] == [999, 1000]
+    assert [raw.sequence for raw in messages] == [0, 0, 1, 1]
     assert not reader.truncated
-    messages = [message for _, message in reader.messages()]
-    assert isinstance(messages[2], GaitRequest)
-    assert messages[2].request_id == 1
+    decoded = [message for _, message in reader.messages()]
+    assert isinstance(decoded[2], GaitRequest)
+    assert decoded[2].request_id == 1
     assert reader.refused == {}
 
 
@@ -86,8 +63,8 @@ def test_arrays_shapes_are_in_the_schema(tmp_path: Path) -> None:
 def test_an_unknown_key_is_recorded_as_it_is(tmp_path: Path) -> None:
     write(tmp_path / "log.mcap", [RawSample("draco3/else", b"\x01\x02", "other", 5)])
     reader = LogReader(tmp_path / "log.mcap")
-    (entry,) = reader.entries()
-    assert (entry.payload, entry.topic, entry.tag) == (b"\x01\x02", None, "other")
+    (raw,) = reader.raw_messages()
+    assert (raw.payload, raw.topic, raw.tag) == (b"\x01\x02", None, "other")
     assert list(reader.messages()) == []
 
 
@@ -116,7 +93,7 @@ def test_a_file_cut_off_anywhere_gives_a_prefix(tmp_path: Path, compression: str
         path = tmp_path / "cut.mcap"
         path.write_bytes(data[:cut])
         reader = LogReader(path)
-        found = [entry.payload for entry in reader.entries()]
+        found = [raw.payload for raw in reader.raw_messages()]
         assert found == expected[: len(found)]
         assert reader.truncated
         lengths.add(len(found))
@@ -131,10 +108,10 @@ def test_flushed_messages_are_readable_while_the_file_is_open(tmp_path: Path) ->
     sink.flush()
     sink.write(gait(3), None)
     reader = LogReader(tmp_path / "log.mcap")
-    assert len(list(reader.entries())) == 3
+    assert len(list(reader.raw_messages())) == 3
     assert reader.truncated
-    sink.close({})
-    assert len(list(reader.entries())) == 4
+    sink.close()
+    assert len(list(reader.raw_messages())) == 4
 
 
 def test_report_and_origin_are_in_the_file(tmp_path: Path) -> None:
@@ -146,7 +123,7 @@ def test_report_and_origin_are_in_the_file(tmp_path: Path) -> None:
     (count,) = report.values()
     assert (count.sent, count.recorded, count.lost, count.dropped) == (5, 3, 2, 0)
     reader = LogReader(tmp_path / "log.mcap")
-    assert len(list(reader.entries())) == 3
+    assert len(list(reader.raw_messages())) == 3
     assert reader.report == report
     offset = int(reader.origin["wall_ns"]) - int(reader.origin["monotonic_ns"])
     assert abs(offset - (time.time_ns() - time.monotonic_ns())) < 60e9
@@ -158,7 +135,7 @@ def test_the_recorder_flushes_by_itself(tmp_path: Path) -> None:
     recorder.intake.offer(gait(0))
     reader = LogReader(tmp_path / "log.mcap")
     deadline = time.monotonic() + 10.0
-    while not list(reader.entries()):
+    while not list(reader.raw_messages()):
         assert time.monotonic() < deadline
         time.sleep(0.05)
     recorder.stop()
@@ -198,19 +175,19 @@ def test_a_full_disk_ends_the_recording_with_a_clear_error(tmp_path: Path) -> No
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(LoggerError, match="cannot open"):
-        list(LogReader(tmp_path / "none.mcap").entries())
+        list(LogReader(tmp_path / "none.mcap").raw_messages())
     (tmp_path / "text.mcap").write_text("this is no log at all")
     with pytest.raises(LoggerError, match="not an MCAP log"):
-        list(LogReader(tmp_path / "text.mcap").entries())
+        list(LogReader(tmp_path / "text.mcap").raw_messages())
     for text in ("", "hello"):
         (tmp_path / "short.mcap").write_text(text)
         with pytest.raises(LoggerError, match=f"not an MCAP log.* {len(text)} bytes without any"):
-            list(LogReader(tmp_path / "short.mcap").entries())
+            list(LogReader(tmp_path / "short.mcap").raw_messages())
 
 
 def test_an_empty_part_does_not_spoil_the_others(tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(b"")
     write(tmp_path / "log-2.mcap", [gait(0), gait(1)])
     reader = LogReader(tmp_path / "log.mcap")
-    assert len(list(reader.entries())) == 2
+    assert len(list(reader.raw_messages())) == 2
     assert reader.truncated

@@ -1,4 +1,4 @@
-"""What a log says about itself, with and without its index."""
+"""The summary of a log, with and without its index."""
 
 from pathlib import Path
 
@@ -31,11 +31,11 @@ def log(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / "log.mcap"
     make(path)
     if request.param == "cut off":
-        # The whole of the messages is there, their index is not.
+        # All messages are there, but neither statistics nor index.
         index = read_index(path)
         data = path.read_bytes()
-        report = data.index(b"report", index.chunks[-1].offset)
-        path.write_bytes(data[: report - 20])
+        statistics = data.index(b"account", index.chunks[-1].offset)
+        path.write_bytes(data[: statistics - 20])
         assert not read_index(path).whole
     return path
 
@@ -54,13 +54,13 @@ def test_topics_services_episodes_and_links(log: Path) -> None:
     assert camera.schemas == ("CameraFrame/1",)
     assert camera.count.bytes > 31 * 5000
     assert (topics["teleop/gait"].count.sent, topics["teleop/gait"].count.lost) == (6, 2)
-    assert info.lives == {"camera": [1], "s": [1], "teleop": [1], "wbc": [1]}
+    assert info.boots == {"camera": [1], "s": [1], "teleop": [1], "wbc": [1]}
     assert [(e.label, e.outcome) for e in info.episodes[:2]] == [
         ("door", "complete"),
         ("again", "discarded"),
     ]
     assert [(one.at_ns, one.change.link) for one in info.links] == [(25 * 10**8, "250ms")]
-    assert (info.parts[0].start_ns, info.parts[0].end_ns) == (10**9, 6 * 10**9)
+    assert (info.segments[0].start_ns, info.segments[0].end_ns) == (10**9, 6 * 10**9)
     assert info.origin["robot"] == "draco3"
 
 
@@ -71,7 +71,7 @@ def test_the_open_episode(tmp_path: Path) -> None:
 
 
 def test_wall_clock(log: Path) -> None:
-    part = read_info(log).parts[0]
+    part = read_info(log).segments[0]
     assert part.wall_ns(int(part.origin["monotonic_ns"])) == int(part.origin["wall_ns"])
 
 

@@ -1,4 +1,4 @@
-"""The queue keeps what fits and accounts for what does not."""
+"""The queue keeps the samples that fit and counts the others."""
 
 from common.schemas import Gait, GaitRequest, Header
 from common.transport.tap import RawSample

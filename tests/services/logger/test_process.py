@@ -91,7 +91,7 @@ def test_kill_loses_less_than_a_second(bus: BusConfig, feed: Feed, tmp_path: Pat
         killed = time.monotonic_ns()
         process.wait()
     reader = LogReader(tmp_path / "log.mcap")
-    entries = [entry for entry in reader.entries() if entry.topic is TELEOP_GAIT]
+    entries = [entry for entry in reader.raw_messages() if entry.topic is TELEOP_GAIT]
     assert reader.truncated
     recorded = [entry.sequence for entry in entries]
     assert recorded == list(range(recorded[0], recorded[0] + len(recorded)))
@@ -101,9 +101,7 @@ def test_kill_loses_less_than_a_second(bus: BusConfig, feed: Feed, tmp_path: Pat
     assert [m.request_id for m in messages] == recorded  # type: ignore[attr-defined]
 
 
-def test_stop_records_everything_and_accounts_for_it(
-    bus: BusConfig, feed: Feed, tmp_path: Path
-) -> None:
+def test_stop_records_and_counts_everything(bus: BusConfig, feed: Feed, tmp_path: Path) -> None:
     with logger(tmp_path, bus.base_port) as process:
         feed.send_until_recorded(tmp_path / "log.mcap")
         feed.send_for(0.5)
@@ -112,7 +110,7 @@ def test_stop_records_everything_and_accounts_for_it(
         printed, _ = process.communicate(timeout=30)
     assert process.returncode == 0
     reader = LogReader(tmp_path / "log.mcap")
-    entries = [entry for entry in reader.entries() if entry.topic is TELEOP_GAIT]
+    entries = [entry for entry in reader.raw_messages() if entry.topic is TELEOP_GAIT]
     assert not reader.truncated
     assert entries[-1].sequence == len(feed.sent_at) - 1
     count = reader.report["draco3/teleop/gait"]

@@ -9,9 +9,9 @@ from mcap.reader import make_reader
 
 from common.transport.tap import RawSample
 from services.logger.errors import LoggerError
+from services.logger.read.delivery import total
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader
-from services.logger.read.tally import total
 from services.logger.record.config import LoggerConfig
 from services.logger.record.recorder import Recorder
 from services.logger.record.sink import McapSink
@@ -86,7 +86,7 @@ def test_zstd_too_block_by_block(tmp_path: Path) -> None:
     assert repair(tmp_path / "log.mcap").losses.partial_messages > 20
 
 
-def test_flipped_bits_cost_a_chunk_and_are_accounted_for(tmp_path: Path) -> None:
+def test_flipped_bits_cost_a_chunk_that_is_counted_as_lost(tmp_path: Path) -> None:
     samples = arrivals()
     record_path = tmp_path / "log.mcap"
     config = LoggerConfig(chunk_size=20_000)
@@ -102,7 +102,7 @@ def test_flipped_bits_cost_a_chunk_and_are_accounted_for(tmp_path: Path) -> None
         path = tmp_path / "damaged.mcap"
         path.write_bytes(damaged)
         if not fault_of(path):
-            # A bit in a metadata record's text or in the account: nothing a reader relies on.
+            # A bit in the text of a metadata record, on which no reader relies.
             continue
         done = repair(path, discard_original=True)
         found = stock_payloads(path)
@@ -128,7 +128,7 @@ def test_a_hole_in_the_middle_is_skipped(tmp_path: Path) -> None:
     assert len(samples) // 2 < len(found) < len(samples)
     assert found[-1] == samples[-1].payload
     assert total(done.report).lost == len(samples) - len(found)
-    assert done.losses.skipped + 20_000 * done.losses.damaged_chunks > 20_000
+    assert done.losses.unreadable_bytes + 20_000 * done.losses.damaged_chunks > 20_000
 
 
 def test_the_first_chunk_lost_does_not_take_the_topics_with_it(tmp_path: Path) -> None:
@@ -141,7 +141,7 @@ def test_the_first_chunk_lost_does_not_take_the_topics_with_it(tmp_path: Path) -
     assert done.losses.damaged_chunks == 1
     assert (done.unknown, done.messages) == (0, 20)
     names = {
-        entry.topic.name for entry in LogReader(tmp_path / "log.mcap").entries() if entry.topic
+        entry.topic.name for entry in LogReader(tmp_path / "log.mcap").raw_messages() if entry.topic
     }
     assert names == {"teleop/gait", "camera/left"}
 
@@ -175,7 +175,7 @@ def test_out_leaves_the_log_alone(tmp_path: Path) -> None:
     path, out = tmp_path / "log.mcap", tmp_path / "saved.mcap"
     killed(path, arrivals(5), [])
     broken = path.read_bytes()
-    assert repair(path, out).result == out
+    assert repair(path, out).output == out
     assert path.read_bytes() == broken
     assert len(stock_payloads(out)) == 10
     with pytest.raises(LoggerError, match="exists already"):
@@ -205,8 +205,8 @@ def test_what_is_being_recorded_is_not_touched(tmp_path: Path) -> None:
     sink.flush()
     with pytest.raises(LoggerError, match="still being recorded"):
         repair(path)
-    assert read_info(path).parts[0].open
-    sink.close({})
+    assert read_info(path).segments[0].open
+    sink.close()
     assert repair(path).fault == ""
     with path.open("rb") as stream:
         fcntl.flock(stream, fcntl.LOCK_EX)
@@ -241,7 +241,7 @@ def test_the_open_episode_is_closed_and_the_others_stay(tmp_path: Path) -> None:
     assert after == [("a", 1000, 2000, "complete"), ("b", 3000, 4000, "interrupted")]
 
 
-def test_drops_are_in_the_account_of_a_killed_recorder(tmp_path: Path) -> None:
+def test_drops_of_a_killed_recorder_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     config = LoggerConfig(queue_messages=4, drain_period=0.02, flush_period=0.02)
     sink = McapSink(path, "draco3", config)

@@ -1,4 +1,4 @@
-"""What is recorded, and what is not even subscribed to."""
+"""Patterns select what is recorded and what is subscribed to."""
 
 import pytest
 

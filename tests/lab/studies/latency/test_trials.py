@@ -100,7 +100,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     sink = McapSink(folder / "log.mcap", "draco3", LoggerConfig())
     for sample in stack.runner.log:
         sink.write(sample, wire_header(sample.payload))
-    sink.close({})
+    sink.close()
     return folder
 
 
