@@ -1,8 +1,8 @@
-"""Services describe their topics, so that a stranger can record them without knowing them.
+"""Query services for the schemas of their topics, to record topics that are not in the table.
 
-Each live service answers queries on ``<robot>/schema/<service>`` with the keys it publishes, their
-schema tags and JSON Schemas. Whoever asks ``*/schema/*`` learns which robots there are and what
-they say. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}``.
+Each live service answers queries on :data:`common.queries.SCHEMA` with the keys it publishes,
+their schema tags and JSON Schemas. Querying every robot and service tells which robots there are
+and what they publish. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}``.
 """
 
 import json
@@ -14,20 +14,21 @@ import msgpack
 import zenoh
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from common.queries import SCHEMA
 from common.schemas import Message
 from common.topics import Topic
 from common.transport.keys import key_of
-from common.wire.schema import schema_tag
+from common.wire.schema import MAX_TAG, schema_tag
 
 _MAX_ANSWER = 16 * 1024 * 1024
 
 
 class Description(BaseModel):
-    """What a service says of one of its keys."""
+    """A service's description of one of its keys."""
 
     model_config = ConfigDict(frozen=True)
 
-    tag: str = Field(max_length=400)
+    tag: str = Field(max_length=MAX_TAG)
     jsonschema: str
 
     @property
@@ -40,7 +41,7 @@ _Answer = TypeAdapter(dict[str, Description])
 
 
 class SchemaServer:
-    """Answers who asks what a service publishes; publishes nothing of itself."""
+    """Answers queries for what a service publishes; publishes nothing itself."""
 
     def __init__(self, robot: str, service: str, topics: Iterable[Topic[Any]]) -> None:
         """Prepare to describe ``topics`` of ``service``."""
@@ -51,12 +52,12 @@ class SchemaServer:
 
     @property
     def key(self) -> str:
-        """Where it answers."""
-        return f"{self._robot}/schema/{self._service}"
+        """The key on which it answers."""
+        return SCHEMA.key(self._robot, self._service)
 
     @cached_property
     def answer(self) -> bytes:
-        """What it answers."""
+        """The answer."""
         described = {}
         for topic in self._topics:
             schema: type[Message] = topic.schema
@@ -66,8 +67,8 @@ class SchemaServer:
         return bytes(msgpack.packb(described))
 
     def open(self, session: "zenoh.Session") -> None:
-        """Begin to answer on ``session``."""
-        # Made now: the first to ask shall not stop the service's other threads for it.
+        """Start answering on ``session``."""
+        # Made now, so that the first query does not hold up the service's other threads.
         answer = self.answer
         key = self.key
 
@@ -78,7 +79,7 @@ class SchemaServer:
         self._queryable = session.declare_queryable(key, reply)
 
     def close(self) -> None:
-        """Answer no more; the session must still be open."""
+        """Stop answering; the session must still be open."""
         if self._queryable is not None:
             self._queryable.undeclare()
             self._queryable = None
@@ -87,18 +88,18 @@ class SchemaServer:
 def discover(
     session: "zenoh.Session", robot: str = "*", timeout: float = 1.0
 ) -> dict[str, dict[str, Description]]:
-    """Ask who is there and what they publish.
+    """Query which robots there are and what they publish.
 
     Args:
         session: an open Zenoh session.
-        robot: ask this one only.
+        robot: query this robot only.
         timeout: for answers [s]; services that are up answer at once.
 
     Returns:
-        robot to key to description; answers that are none are passed over.
+        robot to key to description; malformed answers are left out.
     """
     found: dict[str, dict[str, Description]] = {}
-    replies = session.get(f"{robot}/schema/*", target=zenoh.QueryTarget.ALL, timeout=timeout)
+    replies = session.get(SCHEMA.key(robot, "*"), target=zenoh.QueryTarget.ALL, timeout=timeout)
     for reply in replies:
         if reply.ok is None:
             continue

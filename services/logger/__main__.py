@@ -110,7 +110,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Record; return 0 after a signal, 1 after an error, 2 for a wrong configuration."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s")
     arguments = parser().parse_args(argv)
-    stop = StopSignals().heed()
+    stop = StopSignals().install()
     try:
         bus, _, runtime, table = load_settings(arguments, LoggerService.name)
         config = settings_of(arguments, table)
@@ -124,7 +124,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             live=sys.stderr.isatty(),
             realtime=enter_realtime(runtime.rt_priority),
         )
-        report = record(options, lambda: stop.asked)
+        report = record(options, lambda: stop.requested)
     except ConfigError as error:
         print(f"logger: {error}", file=sys.stderr)
         return 2

@@ -12,7 +12,8 @@ import numpy as np
 from common.errors import SchemaError, TrillError
 from common.inbox.buffer import InboxContext
 from common.inbox.inbox import Inbox
-from common.journal.journal import Journal, read_tables
+from common.journal.journal import Journal
+from common.journal.tables import read_tables
 from common.schemas import Message, StepJournal
 from common.topics import Delivery, Topic
 from common.wire.codec import encode, schema_tag
@@ -52,7 +53,7 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
     """
     rng = random.Random(f"{topic.name} {seed}")
     result = FuzzResult(topic.name)
-    inbox = Inbox([topic], tools=InboxContext(journal=Journal("fuzz")))
+    inbox = Inbox([topic], context=InboxContext(journal=Journal("fuzz")))
     schema: type[Message] = topic.schema
     messages, names = corpus(schema, _MESSAGES, seed), list(DAMAGES)
     for number in range(count):
@@ -63,7 +64,7 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
         tag = (
             rng.choice(["", "trill/X/1;0", schema_tag(schema)]) if rng.random() < _TAGGED else None
         )
-        before, started = inbox.status(topic), time.perf_counter()
+        before, started = inbox.health_of(topic), time.perf_counter()
         try:
             inbox.offer(topic.name, payload, number + 1, tag)
             inbox.begin_step(number + 1)
@@ -72,11 +73,11 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
             return result
         result.slowest = max(result.slowest, time.perf_counter() - started)
         result.fed += 1
-        after = inbox.status(topic)
+        after = inbox.health_of(topic)
         result.refused += after.refused - before.refused
         result.refused_by_damage[name] += after.refused - before.refused
         is_event = topic.delivery is Delivery.EVENT
-        if bool(inbox.events(topic)) if is_event else after.updated:
+        if bool(inbox.events(topic)) if is_event else inbox.updated(topic):
             result.applied += 1
             _check(inbox.latest(topic))
         else:

@@ -1,4 +1,4 @@
-"""What every ``python -m services.<name>`` shares: arguments, configuration file, the runner.
+"""Run a service from the command line: arguments, configuration file, runner.
 
 A service's ``__main__`` hands :func:`run_live` a function that builds the service from its parsed
 arguments::
@@ -38,7 +38,7 @@ ServiceFactory = Callable[[argparse.Namespace], Service]
 
 
 class OptionFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Shows the defaults that say something: not None, nothing or "no"."""
+    """Shows defaults in help texts, except None, empty ones and False."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         default = action.default
@@ -54,14 +54,14 @@ def argument_parser(
     background: bool = False,
     delayable: bool = True,
 ) -> argparse.ArgumentParser:
-    """Return a parser with the options every service understands.
+    """Return a parser with the options that every service has.
 
     Args:
         name: the service's name.
         description: one line for ``--help``.
-        background: the service may be late and so takes no real-time scheduling unless an option
-            says so, whatever file and environment say.
-        delayable: its inputs can be delayed.
+        background: the service may be late, so it uses real-time scheduling only if the option
+            asks for it, whatever file and environment contain.
+        delayable: whether its inputs can be delayed.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m services.{name}",
@@ -69,6 +69,27 @@ def argument_parser(
         formatter_class=OptionFormatter,
     )
     group = parser.add_argument_group("bus and runtime")
+    _add_bus_options(group)
+    if delayable:
+        group.add_argument(
+            "--link",
+            action="append",
+            metavar="NAME=SPEC",
+            help="delay inputs: command, camera, feedback, both or a topic, e.g. "
+            "'camera=normal(122ms, 190ms) loss=1%%'; see trill latency --help [TRILL_LINKS]",
+        )
+    parser.set_defaults(link=[])
+    if background:
+        priority = "SCHED_FIFO priority, 0 for none; only this option counts"
+    else:
+        priority = f"SCHED_FIFO priority, 0: none (default: {DEFAULT_PRIORITY}) [TRILL_RT_PRIORITY]"
+    group.add_argument("--rt-priority", type=int, help=priority)
+    parser.set_defaults(rt_priority=0 if background else None)
+    return parser
+
+
+def _add_bus_options(group: argparse._ArgumentGroup) -> None:
+    """Add the options that say how to reach the bus."""
     group.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
     group.add_argument("--robot", help="first part of every key (default: draco3) [TRILL_ROBOT]")
     group.add_argument(
@@ -94,22 +115,6 @@ def argument_parser(
         type=split_list,
         help="endpoints, by commas (default: its own in the port table) [TRILL_LISTEN]",
     )
-    if delayable:
-        group.add_argument(
-            "--link",
-            action="append",
-            metavar="NAME=SPEC",
-            help="delay inputs: command, camera, feedback, both or a topic, e.g. "
-            "'camera=normal(122ms, 190ms) loss=1%%'; see trill latency --help [TRILL_LINKS]",
-        )
-    parser.set_defaults(link=[])
-    if background:
-        priority = "SCHED_FIFO priority, 0 for none; only this option counts"
-    else:
-        priority = f"SCHED_FIFO priority, 0: none (default: {DEFAULT_PRIORITY}) [TRILL_RT_PRIORITY]"
-    group.add_argument("--rt-priority", type=int, help=priority)
-    parser.set_defaults(rt_priority=0 if background else None)
-    return parser
 
 
 def load_settings(

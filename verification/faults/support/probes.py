@@ -139,7 +139,7 @@ class Reader(Service):
             if topic.delivery is Delivery.EVENT:
                 new = inputs.events(topic)
             self._ages[topic.name] += [1e-9 * (now_ns - message.header.sent) for message in new]
-            status = inputs.status(topic)
+            status = inputs.health_of(topic)
             self._discarded[topic.name] = {"stale": status.stale, "skipped": status.skipped}
         if inputs.updated(PLANT_STATE):
             if not self._state_times:

@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument("--connect", required=True, help="Zenoh endpoint")
     parser.add_argument("--nap", type=float, default=0.0, help="sleep after each message [s]")
     arguments = parser.parse_args()
-    stop = StopSignals().heed()
+    stop = StopSignals().install()
     config = BusConfig(mode=arguments.mode, connect=(arguments.connect,))
     session: Any = open_session(config, "reader")
 
@@ -33,7 +33,7 @@ def main() -> None:
 
     subscriber = session.declare_subscriber(f"{config.robot}/**", read)
     print(READY, flush=True)
-    while not stop.asked:
+    while not stop.requested:
         time.sleep(0.05)
     subscriber.undeclare()
     session.close()
