@@ -12,7 +12,7 @@ from lab.demonstrations.export import lerobot, robomimic
 from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
 from tests.lab.demonstrations.export.support import VERDICT, make
 from verification.loaders import lerobot_check, robomimic_check
-from verification.loaders.shim import make_importable
+from verification.loaders.torchvision_shim import declare_torchvision_operators
 
 
 @pytest.mark.parametrize("scaled", [False, True])
@@ -30,7 +30,7 @@ def test_robomimic_loads_it(scaled: bool, tmp_path: Path) -> None:
 @pytest.mark.parametrize("video", [False, True])
 def test_lerobot_loads_it(video: bool, tmp_path: Path) -> None:
     pytest.importorskip("lerobot")
-    make_importable()
+    declare_torchvision_operators()
     torchvision = pytest.importorskip("torchvision")
     if video and version("lerobot") < "0.6" and not hasattr(torchvision.io, "VideoReader"):
         pytest.skip("this lerobot decodes video by torchvision, and this torchvision does not")

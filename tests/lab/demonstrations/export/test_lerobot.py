@@ -15,8 +15,8 @@ from lab.demonstrations.export.selection import EpisodeSelection, select_episode
 from lab.errors import DatasetError
 from services.sim.tasks import find_task
 from tests.lab.demonstrations.export.support import FRAMES, SIZE, VERDICT, make
-from verification.loaders.lerobot_check import middle
-from verification.loaders.original import Original, originals, psnr
+from verification.loaders.collected import CollectedEpisode, collected_episodes, psnr
+from verification.loaders.lerobot_check import middle_frame
 
 STATE = ("poses", "gripper_closure", "joint_sin_cos", "joint_velocity", "control_state")
 ACTION = ("hands", "grasp", "locomotion", "neck")
@@ -36,7 +36,7 @@ def episodes(out: Path) -> Any:
     return pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
 
 
-def joined(original: Original, group: str, names: tuple[str, ...]) -> Any:
+def joined(original: CollectedEpisode, group: str, names: tuple[str, ...]) -> Any:
     return np.concatenate([original.array(f"{group}/{name}") for name in names], axis=1)
 
 
@@ -49,7 +49,7 @@ def test_every_number_is_there(tmp_path: Path) -> None:
     assert len(done) == 3
     rows = table(out)
     assert [row["index"] for row in rows] == list(range(3 * VERDICT))
-    for index, original in enumerate(originals([root])):
+    for index, original in enumerate(collected_episodes([root])):
         state = joined(original, "observation", STATE)
         action = joined(original, "action", ACTION)
         assert (state.shape[1], action.shape[1]) == (112, 18)
@@ -116,7 +116,7 @@ def test_videos_show_what_was_seen(
     # A file that is large enough gets no further episode.
     assert [row["data/file_index"] for row in rows] == ([0, 0, 0] if limit else [0, 1, 2])
     assert len(table(out)) == 3 * VERDICT
-    for original, row in zip(originals([root]), rows, strict=True):
+    for original, row in zip(collected_episodes([root]), rows, strict=True):
         for camera in ("left", "right"):
             key = f"videos/observation.images.{camera}"
             file = row[f"{key}/file_index"]
@@ -134,7 +134,7 @@ def test_embedded_pictures_are_the_collected_files(tmp_path: Path) -> None:
     assert load(out / "meta/info.json")["features"]["observation.images.right"]["dtype"] == "image"
     assert not (out / "videos").exists()
     rows = table(out)
-    for index, original in enumerate(originals([root])):
+    for index, original in enumerate(collected_episodes([root])):
         group = original.file["images/right"]
         for frame in range(VERDICT):
             begin, end = group["offset"][frame : frame + 2]
@@ -145,7 +145,7 @@ def test_embedded_pictures_are_the_collected_files(tmp_path: Path) -> None:
 def test_embedded_pictures_of_another_size_lose_nothing_more(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d", ("success",)), tmp_path / "out"
     lerobot.write(select_episodes(EpisodeSelection((root,), width=25, height=17)), out, video=False)
-    (expected,) = (original.picture("left", 3, (25, 17)) for original in originals([root]))
+    (expected,) = (original.picture("left", 3, (25, 17)) for original in collected_episodes([root]))
     file = table(out)[3]["observation.images.left"]["bytes"]
     assert file.startswith(b"\x89PNG")
     shown = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR)
@@ -176,7 +176,7 @@ def test_the_figures_of_pictures_are_those_of_every_fourth(tmp_path: Path) -> No
     root, out = make(tmp_path / "d"), tmp_path / "out"
     lerobot.write(select_episodes(EpisodeSelection((root,))), out, video=False)
     stats = load(out / "meta/stats.json")["observation.images.left"]
-    seen = [e.picture("left", f) for e in originals([root]) for f in range(0, VERDICT, 4)]
+    seen = [e.picture("left", f) for e in collected_episodes([root]) for f in range(0, VERDICT, 4)]
     pixels = np.concatenate([picture.reshape(-1, 3) for picture in seen]) / 255
     assert stats["count"] == [len(seen)]
     for name, expected in (
@@ -217,4 +217,4 @@ def test_odd_sizes_make_no_video(tmp_path: Path) -> None:
 def test_the_frame_whose_neighbours_are_compared_has_one_before_it() -> None:
     for lengths in ((5, 5), (4, 6), (3, 3, 3), (2, 1, 4)):
         data = [{"frame_index": frame} for length in lengths for frame in range(length)]
-        assert data[middle(data)]["frame_index"] > 0
+        assert data[middle_frame(data)]["frame_index"] > 0

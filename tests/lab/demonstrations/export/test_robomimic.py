@@ -12,7 +12,7 @@ from lab.demonstrations.export import robomimic
 from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
 from lab.errors import DatasetError
 from tests.lab.demonstrations.export.support import SIZE, VERDICT, make
-from verification.loaders.original import originals
+from verification.loaders.collected import collected_episodes
 from verification.loaders.robomimic_check import expected_actions, expected_observations
 
 WIDTHS = {
@@ -32,7 +32,7 @@ def test_every_number_and_pixel_is_there(tmp_path: Path) -> None:
     assert len(done) == 3
     with h5py.File(out) as file:
         assert file["data"].attrs["total"] == 3 * VERDICT
-        for index, original in enumerate(originals([root])):
+        for index, original in enumerate(collected_episodes([root])):
             demo = file[f"data/demo_{index}"]
             assert demo.attrs["num_samples"] == VERDICT
             assert demo.attrs["seed"] == index
@@ -82,7 +82,7 @@ def test_scaled_actions_can_be_scaled_back(tmp_path: Path) -> None:
         np.testing.assert_allclose(every.min(axis=0), -1.0, atol=1e-6)
         np.testing.assert_allclose(every.max(axis=0), 1.0, atol=1e-6)
         assert np.abs(every).max() <= 1.0
-        for index, original in enumerate(originals([root])):
+        for index, original in enumerate(collected_episodes([root])):
             back = file[f"data/demo_{index}/actions"][:] * about["action_scale"]
             back += about["action_offset"]
             np.testing.assert_allclose(back, expected_actions(original), atol=1e-5)
