@@ -102,7 +102,7 @@ def test_the_process_list_follows_the_options() -> None:
     assert not specs["router"].essential
     assert specs["sim"].stop_order < specs["wbc"].stop_order < specs["logger"].stop_order
     bare = robot_processes(SystemOptions(cameras=False, record=False), Path("r"))
-    assert [s.name for s in bare if s.wanted] == ["router", "sim", "wbc"]
+    assert [s.name for s in bare if s.enabled] == ["router", "sim", "wbc"]
 
 
 def test_run_directories_never_collide(tmp_path: Path) -> None:
