@@ -59,7 +59,8 @@ TABLES: tuple[Table, ...] = (
         "the whole-body controller",
         (WbcConfig,),
         "Two more keys choose a preset, over which the other keys are laid: `torque_mode` "
-        "(`relaxed`, `rated`) and `pace` (`fast`, `normal`, `slow`, `public`); see "
+        "(`relaxed`, `rated`) and `pace`, the time a gait takes (`fast`, `normal`, `slow`, "
+        "`public`); see "
         "[control and plant](../concepts/control-and-plant.md#torque-limits).",
     ),
     Table(

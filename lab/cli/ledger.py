@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Show the ledger of a log; exit code 0.
+    """Show the latency breakdown of a log; exit code 0.
 
     Raises:
         ConfigError: the span is empty, or a file has a wrong name or place.
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         table = ledger_table(LogReader(path), begin, end)
     # A pipe has no width; cut nothing off there.
     console = Console(width=None if sys.stdout.isatty() else 140)
-    console.print(render(table, f"ledger of {arguments.log}"), soft_wrap=False)
+    console.print(render(table, f"latency breakdown of {arguments.log}"), soft_wrap=False)
     if arguments.csv is not None:
         write_csv(arguments.csv, table)
     if arguments.plot is not None:

@@ -20,7 +20,7 @@ COMMANDS = (
     Command("info", "show what a log contains", "lab.cli.logs:INFO_ACTION"),
     Command("repair", "repair a broken log", "lab.cli.logs:REPAIR_ACTION"),
     Command("mark", "mark the start or end of an episode", "lab.cli.logs:MARK_ACTION"),
-    Command("ledger", "show where the time of every message went", "lab.cli.ledger:ACTION"),
+    Command("ledger", "show the latency breakdown of every input", "lab.cli.ledger:ACTION"),
     Command("latency", "inject latency, jitter and loss", "lab.cli.latency:ACTION"),
     Command("tasks", "describe the scored tasks", "lab.cli.tasks:ACTION"),
     Command("collect", "collect demonstrations of a task", "lab.cli.collect:ACTION"),

@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     part = parser.add_mutually_exclusive_group()
     part.add_argument("--topics", action="store_true", help="show nothing but all topics")
     part.add_argument(
-        "--ledger", action="store_true", help="show nothing but the latency of all inputs"
+        "--ledger", action="store_true", help="show nothing but the latency breakdown"
     )
 
 

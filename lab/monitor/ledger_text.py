@@ -1,4 +1,4 @@
-"""Format the latency ledger, for the live table and for logs alike."""
+"""Format the latency breakdown, for the live table and for logs alike."""
 
 from collections.abc import Iterable
 from math import isnan

@@ -53,7 +53,7 @@ def _robot() -> rrb.Spatial3DView:
 
 def _eye(side: str) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
-        name=f"{side} eye",
+        name=f"{side} camera",
         origin=f"/camera/{side}",
         spatial_information=rrb.SpatialInformation(f"{camera_frame(side)}{_PLANE}"),
     )
