@@ -7,7 +7,6 @@ they say. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}
 
 import json
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 from typing import Any
 
 import msgpack
@@ -40,48 +39,32 @@ _Answer = TypeAdapter(dict[str, Description])
 
 
 class SchemaServer:
-    """Answers who asks what a service publishes; publishes nothing of itself."""
+    """Answers queries for the schemas of the topics that a service publishes."""
 
-    def __init__(self, robot: str, service: str, topics: Iterable[Topic[Any]]) -> None:
-        """Prepare to describe ``topics`` of ``service``."""
-        self._robot = robot
-        self._service = service
-        self._topics = tuple(topics)
-        self._queryable: Any = None
-
-    @property
-    def key(self) -> str:
-        """Where it answers."""
-        return f"{self._robot}/schema/{self._service}"
-
-    @cached_property
-    def answer(self) -> bytes:
-        """What it answers."""
+    def __init__(
+        self, session: "zenoh.Session", robot: str, service: str, topics: Iterable[Topic[Any]]
+    ) -> None:
+        """Begin to answer on ``session`` for the ``topics`` of ``service``."""
         described = {}
-        for topic in self._topics:
+        for topic in topics:
             schema: type[Message] = topic.schema
             text = json.dumps(schema.model_json_schema(), ensure_ascii=False)
-            key = key_of(self._robot, topic, self._service)
-            described[key] = {"tag": schema_tag(schema), "jsonschema": text}
-        return bytes(msgpack.packb(described))
-
-    def open(self, session: "zenoh.Session") -> None:
-        """Begin to answer on ``session``."""
-        # Made now: the first to ask shall not stop the service's other threads for it.
-        answer = self.answer
-        key = self.key
+            described[key_of(robot, topic, service)] = {
+                "tag": schema_tag(schema), "jsonschema": text,
+            }  # fmt: skip
+        # Encoded now, so that the first query does not stop the service's other threads.
+        answer: bytes = msgpack.packb(described)
+        key = f"{robot}/schema/{service}"
 
         def reply(query: Any) -> None:
             with query:
                 query.reply(key, answer)
 
-        self._queryable = session.declare_queryable(key, reply)
+        self._queryable: Any = session.declare_queryable(key, reply)
 
     def close(self) -> None:
-        """Answer no more; the session must still be open."""
-        if self._queryable is not None:
-            self._queryable.undeclare()
-            self._queryable = None
+        """Stop answering; the session must still be open."""
+        self._queryable.undeclare()
 
 
 def discover(

@@ -171,8 +171,9 @@ class Load:
         self._publishers = [
             Publisher(self._session, bus.robot, topic, "load", boot) for topic, _ in RATES
         ]
-        self._schemas = SchemaServer(bus.robot, "load", [topic for topic, _ in RATES])
-        self._schemas.open(self._session)
+        self._schemas = SchemaServer(
+            self._session, bus.robot, "load", [topic for topic, _ in RATES]
+        )
         self._marks = 0
         self._stop = stop
 

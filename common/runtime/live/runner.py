@@ -20,12 +20,12 @@ from common.runtime.live.link_server import LinkServer
 from common.runtime.live.loop_stats import LoopStats
 from common.runtime.live.pacing import ClockPace, TriggerPace
 from common.runtime.live.publishers import PublisherSet
-from common.runtime.live.schema_server import SchemaResponder
 from common.runtime.live.stopping import StopSignals
 from common.runtime.service import Service
 from common.schemas import ServiceHealth
 from common.topics import HEALTH, JOURNAL
 from common.transport.config import BusConfig
+from common.transport.schema_query import SchemaServer
 from common.transport.session import BusError, new_boot_id, open_session
 
 _log = logging.getLogger(__name__)
@@ -78,7 +78,6 @@ class LiveRunner:
                 clocks,
                 Heartbeats(clocks, lambda: self._stats.steps, service.period_ns, promise_s),
                 LinkServer(service.name, self._links),
-                SchemaResponder((*service.writes, HEALTH, JOURNAL)),
             )
         )
         self.inbox = Inbox(
@@ -169,6 +168,8 @@ class LiveRunner:
         self._outlets = outlets
         service.wanted = outlets.wanted
         self._subscribers = subscribe(session, robot, self.inbox, service.reads)
+        topics = (*service.writes, HEALTH, JOURNAL)
+        self._schemas = SchemaServer(session, robot, service.name, topics)
         context = RunnerContext(
             session, robot, service.name, boot, self.inbox, outlets.send, outlets.wanted
         )

@@ -226,8 +226,7 @@ class _Health:
 
     def __init__(self, session: Any, robot: str) -> None:
         self._publisher = Publisher(session, robot, HEALTH, LoggerService.name, new_boot_id())
-        self._schemas = SchemaServer(robot, LoggerService.name, LoggerService.writes)
-        self._schemas.open(session)
+        self._schemas = SchemaServer(session, robot, LoggerService.name, LoggerService.writes)
         self._next = 0.0
 
     def update(self, now: float, stats: LoopStats, inbox: Inbox) -> None:
