@@ -9,14 +9,13 @@ that it may start last, stop first and be restarted.
 
 import argparse
 import logging
-import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from common.errors import ConfigError, TrillError
+from common.errors import TrillError, report
 from common.ports import DEFAULT_BASE_PORT, ROUTER_OFFSET
 from common.runtime.live.stopping import StopSignals
 from common.transport.config import BusConfig, bus_of, split_list
@@ -121,12 +120,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         bus = bus_of(arguments.base_port, arguments.config, host=arguments.host)
         route(router_config(bus, arguments.listen, arguments.connect), stop)
-    except ConfigError as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
-        return 2
     except TrillError as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
-        return 1
+        return report(NAME, error)
     return 0
 
 

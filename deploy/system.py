@@ -93,35 +93,16 @@ def _option(name: str, value: str | None) -> tuple[str, ...]:
     return () if value is None else (name, value)
 
 
-def scripted_operator(script: str) -> ProcessSpec:
-    """Declare an operator that plays ``script`` and ends."""
+def operator_process(*args: str, foreground: bool = False) -> ProcessSpec:
+    """Declare the operator, ``python -m services.teleop`` with ``args``.
+
+    With ``foreground`` it owns this terminal, as the keyboard operator must.
+    """
     return ProcessSpec(
         OPERATOR,
         "services.teleop",
-        ("scripted", "--script", script),
-        may_finish=True,
-        stop_order=_FIRST,
-    )
-
-
-def synthetic_operator(task: str, seed: int) -> ProcessSpec:
-    """Declare an operator that does ``task`` like a person with a headset, then keeps running."""
-    return ProcessSpec(
-        OPERATOR,
-        "services.teleop",
-        ("synthetic", "--task", task, "--seed", str(seed), "--stay"),
-        may_finish=True,
-        stop_order=_FIRST,
-    )
-
-
-def keyboard_operator() -> ProcessSpec:
-    """Declare the keyboard operator, which owns this terminal."""
-    return ProcessSpec(
-        OPERATOR,
-        "services.teleop",
-        ("keyboard",),
-        foreground=True,
+        args,
+        foreground=foreground,
         may_finish=True,
         stop_order=_FIRST,
     )

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from common.errors import ConfigError, TrillError, explain
+from common.errors import ConfigError, TrillError, explain, report
 from common.runtime.live.main import argument_parser, load_settings
 from common.runtime.live.realtime import enter_realtime
 from common.runtime.live.stopping import StopSignals
@@ -124,14 +124,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             live=sys.stderr.isatty(),
             realtime=enter_realtime(runtime.rt_priority),
         )
-        report = record(options, lambda: stop.asked)
-    except ConfigError as error:
-        print(f"logger: {error}", file=sys.stderr)
-        return 2
+        delivered = record(options, lambda: stop.asked)
     except TrillError as error:
-        print(f"logger: {error}", file=sys.stderr)
-        return 1
-    print(format_report(report))
+        return report("logger", error)
+    print(format_report(delivered))
     return 0
 
 

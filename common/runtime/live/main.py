@@ -17,14 +17,13 @@ service's factory as ``arguments.settings``.
 import argparse
 import logging
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from common.errors import ConfigError, TrillError, explain
+from common.errors import ConfigError, TrillError, explain, report
 from common.links.config import Links, parse_link_options
 from common.ports import DEFAULT_BASE_PORT
 from common.runtime.live.config import RuntimeConfig
@@ -185,10 +184,6 @@ def run_live(
         # Before anything starts threads, so that the transport's threads inherit it.
         realtime = enter_realtime(runtime.rt_priority)
         service = service_factory(arguments)
-    except ConfigError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 2
     except TrillError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 1
+        return report(name, error)
     return LiveRunner(service, bus, links=links, runtime=runtime, realtime=realtime).run()
