@@ -62,6 +62,7 @@ class Exit:
         expected: it was allowed to finish and did so with code 0.
         restarted: it is running again.
         tail: the last lines of its log.
+        essential: the system is of no use without it.
     """
 
     name: str
@@ -69,6 +70,7 @@ class Exit:
     expected: bool
     restarted: bool
     tail: tuple[str, ...]
+    essential: bool = True
 
     def describe(self) -> str:
         """Return a paragraph for the operator: name, exit code and last lines of the log."""

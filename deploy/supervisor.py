@@ -132,10 +132,6 @@ class Supervisor:
         spare = self._children[name].spare
         return None if spare is None else spare.pid
 
-    def spec(self, name: str) -> ProcessSpec:
-        """Return the declaration of process ``name``, which must have been started."""
-        return self._children[name].spec
-
     def running(self) -> list[str]:
         """Return the names of the processes that run, in starting order."""
         return [name for name in self._children if self.alive(name)]
@@ -207,7 +203,7 @@ class Supervisor:
             # The successor first: everything else can wait for it.
             self._restart(child)
         lines = () if spec.foreground else tail(self.log_path(spec.name))
-        ended = Exit(spec.name, code, expected, again, lines)
+        ended = Exit(spec.name, code, expected, again, lines, spec.essential)
         if not again:
             child.exit = ended
             _discard_spare(child)

@@ -1,11 +1,12 @@
 """Run the whole system with a scripted or synthetic operator until script or task is over."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from deploy.launch import RunResult, Verdict, running_system
 from deploy.process import Exit, ProcessSpec
 from deploy.system import OPERATOR, SystemOptions, operator_process
-from lab.live.loop import Exits, show_until_verdict
+from lab.live.loop import show_until_verdict
 from lab.live.task_judge import TaskJudge
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import monitored
@@ -51,7 +52,7 @@ class ScriptJudge:
         self._fell_at: float | None = None
         self._began_at: float | None = None
 
-    def verdict(self, elapsed: float, view: Snapshot, exits: Exits) -> Verdict | None:
+    def verdict(self, elapsed: float, view: Snapshot, exits: Sequence[Exit]) -> Verdict | None:
         """Return the verdict, or None while the run goes on; ``elapsed`` since the start [s]."""
         if self._began_at is None and view.control is not None:
             self._began_at = elapsed
@@ -61,8 +62,8 @@ class ScriptJudge:
             # A script that fails now does so because the robot fell.
             over = elapsed >= self._fell_at + FALL_AFTERMATH
             return Verdict("fell", self._step(view)) if over else None
-        for ended, essential in exits:
-            if ended.restarted or not essential:
+        for ended in exits:
+            if ended.restarted or not ended.essential:
                 continue
             if ended.name == self._operator:
                 return self._operator_ended(ended, view)

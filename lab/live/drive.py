@@ -25,10 +25,8 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> RunResult
     verdict = Verdict("completed", "left by Ctrl-C")
     keyboard = operator_process("keyboard", foreground=True)
     with running_system(options, base_port, [keyboard]) as running:
-        supervisor = running.supervisor
         while True:
-            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
-            if over := essential_exit(exits):
+            if over := essential_exit(running.supervisor.poll()):
                 verdict = over
                 break
             time.sleep(POLL_PERIOD)

@@ -8,9 +8,7 @@ from deploy.process import Exit
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import POLL_PERIOD, BusMonitor, Screen
 
-Exits = Sequence[tuple[Exit, bool]]
-"""Processes that ended since the last poll, each with whether it was essential."""
-Judge = Callable[[float, Snapshot, Exits], Verdict | None]
+Judge = Callable[[float, Snapshot, Sequence[Exit]], Verdict | None]
 """Returns the verdict, or None to go on: from time since the start [s], bus and exits."""
 
 
@@ -41,8 +39,8 @@ def show_until_verdict(
             screen.show(view)
             if text := on_snapshot(view):
                 screen.say(text)
-            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
-            for ended, _ in exits:
+            exits = supervisor.poll()
+            for ended in exits:
                 if not ended.expected:
                     screen.say(ended.describe())
             verdict = judge(time.monotonic() - started, view, exits)
@@ -51,10 +49,10 @@ def show_until_verdict(
             time.sleep(POLL_PERIOD)
 
 
-def essential_exit(exits: Exits) -> Verdict | None:
+def essential_exit(exits: Sequence[Exit]) -> Verdict | None:
     """Return the verdict on the first essential process that ended for good; None without one."""
-    for ended, essential in exits:
-        if essential and not ended.restarted:
+    for ended in exits:
+        if ended.essential and not ended.restarted:
             if ended.expected:
                 return Verdict("completed")
             return Verdict("service died", ended.describe())

@@ -72,7 +72,7 @@ def test_after_the_operators_end_the_judge_has_some_seconds() -> None:
         "lever pressed"
     )
     two = judge()
-    dead = [(Exit("teleop", 2, expected=False, restarted=False, tail=("what?",)), True)]
+    dead = [Exit("teleop", 2, expected=False, restarted=False, tail=("what?",))]
     assert two.verdict(3.0, view(None), dead) is None
     ended = two.verdict(3.0 + VERDICT_TIMEOUT, view(None), [])
     assert ended is not None
@@ -96,7 +96,7 @@ def test_time_runs_out_and_services_die() -> None:
     ended = short.verdict(36.0, view(task_status()), [])
     assert ended is not None
     assert ended.outcome == "timed out"
-    dead = [(Exit("wbc", -9, expected=False, restarted=False, tail=()), True)]
+    dead = [Exit("wbc", -9, expected=False, restarted=False, tail=())]
     ended = judge().verdict(5.0, view(task_status()), dead)
     assert ended is not None
     assert ended.outcome == "service died"
