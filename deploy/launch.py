@@ -75,7 +75,7 @@ def running_system(
         DeployError: the system cannot be started.
         ConfigError: the bus configuration is wrong.
     """
-    known = bus_of(base_port, options.config)
+    known = bus_of(options.config, base_port=base_port)
     with reserve_base_port(known.host, base_port) as port:
         # Made last, so that a wrong option leaves no empty directory.
         run_dir = new_run_dir()

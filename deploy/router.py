@@ -49,24 +49,14 @@ exit codes: 0 after SIGINT or SIGTERM, 1 if the port is not free, 2 for wrong op
 _log = logging.getLogger("trill.router")
 
 
-def router_config(
-    bus: BusConfig, listen: Sequence[str] | None = None, connect: Sequence[str] | None = None
-) -> BusConfig:
-    """Return the bus configuration of the router.
+def router_config(bus: BusConfig) -> BusConfig:
+    """Return the bus configuration of the router beside the services of ``bus``.
 
-    Args:
-        bus: configuration of a service; its mode is ignored.
-        listen: endpoints to listen on; None: as in ``bus``, or else the port below its base port.
-        connect: endpoints of services; None: as in ``bus``, or else the whole port table.
+    It listens where ``bus`` says, or else on the port below its base port, and connects to what
+    ``bus`` names, or else to the whole port table. The mode of ``bus`` is ignored.
     """
-    listen = bus.listen if listen is None else tuple(listen)
-    return bus.model_copy(
-        update={
-            "mode": "router",
-            "listen": listen or (f"tcp/{bus.host}:{bus.base_port + ROUTER_OFFSET}",),
-            "connect": bus.connect if connect is None else tuple(connect),
-        }
-    )
+    listen = bus.listen or (f"tcp/{bus.host}:{bus.base_port + ROUTER_OFFSET}",)
+    return bus.model_copy(update={"mode": "router", "listen": listen})
 
 
 def describe(kinds: Sequence[str]) -> str:
@@ -118,8 +108,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     stop = StopSignals().heed()
     try:
-        bus = bus_of(arguments.base_port, arguments.config, host=arguments.host)
-        route(router_config(bus, arguments.listen, arguments.connect), stop)
+        route(router_config(bus_of(**vars(arguments))), stop)
     except TrillError as error:
         return report(NAME, error)
     return 0

@@ -229,20 +229,18 @@ def bus_config(
         raise ConfigError(f"the bus configuration is wrong: {explain(error)}") from error
 
 
-def bus_of(
-    base_port: int | None,
-    config: Path | None,
-    robot: str | None = None,
-    host: str | None = None,
-) -> BusConfig:
-    """The bus as the services of such a system see it.
+def bus_of(config: Path | None = None, **arguments: Any) -> BusConfig:
+    """Return the bus as the services of a system see it: :func:`bus_config` with their file.
+
+    Args:
+        config: TOML file for the whole stack; None: that of ``TRILL_CONFIG``, if it is set.
+        arguments: fields of :class:`BusConfig`; None counts as not given.
 
     Raises:
-        ConfigError: the file or an environment variable is wrong.
+        ConfigError: the file, a variable or an argument is wrong.
     """
-    chosen = config or (Path(text) if (text := os.environ.get("TRILL_CONFIG")) else None)
-    table = read_config_file(chosen).get("bus") if chosen else None
-    return bus_config(table, {"base_port": base_port, "robot": robot, "host": host})
+    chosen = config or os.environ.get("TRILL_CONFIG")
+    return bus_config(read_config_file(Path(chosen)).get("bus") if chosen else None, arguments)
 
 
 def split_list(text: str) -> tuple[str, ...]:

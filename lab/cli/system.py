@@ -2,13 +2,13 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
 from deploy.process import Restart
 from deploy.system import SystemOptions
+from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
 
 if TYPE_CHECKING:
@@ -57,12 +57,6 @@ UP_EXAMPLES = """examples:
 """
 
 
-def bus_options(parser: argparse.ArgumentParser, port: str) -> None:
-    """Add the options that identify a system; ``port`` is the help of ``--base-port``."""
-    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
-    parser.add_argument("--base-port", type=int, help=port)
-
-
 def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-mode",
@@ -81,7 +75,12 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
         help="seed of sensor noise, the task's start and the synthetic operator (default: the "
         "configuration's, else 0)",
     )
-    bus_options(parser, "first port of the system (default: a free block of ports is found)")
+    add_config_option(parser)
+    parser.add_argument(
+        "--base-port",
+        type=int,
+        help="first port of the system (default: a free block of ports is found)",
+    )
     parser.add_argument(
         "--latency",
         action="append",
