@@ -1,6 +1,5 @@
 """Opens a log in Rerun: converted, with the robot's shapes and a layout, kept beside the log."""
 
-import importlib.util
 import os
 import subprocess
 import sys
@@ -10,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from services.logger.export.convert import OnProgress, Summary, export_log
-from services.logger.export.errors import ExportError
 from services.logger.read.segments import existing_segments
 
 APPLICATION = "trill"
@@ -33,19 +31,6 @@ class Prepared:
     summary: Summary | None
 
 
-def require_rerun() -> None:
-    """Check that Rerun can be imported.
-
-    Raises:
-        ExportError: Rerun is not installed.
-    """
-    if importlib.util.find_spec("rerun") is None:
-        raise ExportError(
-            "Rerun is not installed; pip install 'trill[view]' (or -e '.[view]' in a checkout; "
-            "170 MB), or `trill export` the log and open it in another viewer"
-        )
-
-
 def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> Prepared:
     """Convert ``log`` to a Rerun recording, or find the one made before.
 
@@ -56,7 +41,6 @@ def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> Prepared:
         LoggerError: there is no readable log.
         ExportError: the log cannot be converted.
     """
-    require_rerun()
     folder = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
     path = folder / f"{log.stem}{SUFFIX}"
     if not fresh and _newer(path, existing_segments(log)):

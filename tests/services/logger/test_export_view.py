@@ -67,12 +67,6 @@ def test_a_taken_port_is_named(served: str, tmp_path: Path) -> None:
         web_server(tmp_path, port)
 
 
-def test_without_rerun_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ExportError, match=r"Rerun is not installed; pip install 'trill\[view\]'"):
-        view.prepare(tmp_path / "log.mcap", fresh=False, on_progress=lambda done, total: None)
-
-
 def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
     return view.prepare(log, fresh=fresh, on_progress=lambda done, total: None).summary
 
@@ -80,7 +74,6 @@ def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
 def test_a_recording_is_kept_until_the_log_grows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(view, "require_rerun", lambda: None)
     monkeypatch.setattr(view, "write_recording", lambda source, path, name: path.write_text(name))
     log = tmp_path / "log.mcap"
     write(log, session())
