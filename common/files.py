@@ -12,24 +12,45 @@ PART = ".part"
 """Ending of a file that is being written."""
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all, whenever the process is killed.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``path``, which replaces it when the block has ended well.
+
+    The file is there whole or not at all, whenever the process is killed; the temporary one is
+    removed if the block fails.
 
     Raises:
-        OSError: it cannot be written; nothing is left of it.
+        OSError: it cannot be written.
     """
     temporary = path.with_name(path.name + PART)
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        yield temporary
+        _synchronise(temporary)
         temporary.replace(path)
-    except OSError:
-        # A full disk is not to be kept full by what is no use.
+        _synchronise(path.parent)
+    finally:
+        # A full disk should not stay full because of a file that is of no use.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        raise
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write ``content`` as a :func:`whole_file`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _synchronise(path: Path) -> None:
+    """Wait until a file, or the names in a directory, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def append_line(path: Path, text: str) -> None:

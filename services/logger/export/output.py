@@ -8,6 +8,7 @@ from typing import IO
 
 from mcap.writer import CompressionType, Writer
 
+from common.files import whole_file
 from services.logger.export.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
 from services.logger.read.wall_clock import Times
@@ -74,16 +75,11 @@ def export_file(path: Path, *, force: bool) -> Iterator[ExportFile]:
     """
     if path.exists() and not force:
         raise ExportError(f"{path} exists already; give another -o, or --force to replace it")
-    unfinished = path.with_name(f".{path.name}.unfinished")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished.open("wb") as stream:
+        with whole_file(path) as unfinished, unfinished.open("wb") as stream:
             yield ExportFile(stream)
-        unfinished.replace(path)
     except OSError as error:
         raise ExportError(
             f"cannot write {path}: {error.strerror or error}; give a writable -o with enough space"
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            unfinished.unlink(missing_ok=True)
