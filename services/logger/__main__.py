@@ -17,7 +17,7 @@ from common.transport.config import split_list
 from services.logger.errors import LoggerError
 from services.logger.read.delivery import format_report
 from services.logger.record.config import LoggerConfig
-from services.logger.record.service import LoggerService, RecordingOptions, record
+from services.logger.record.service import NAME, RecordingOptions, record
 from services.logger.record.units import parse_duration, parse_size
 
 FILE_NAME = "log.mcap"
@@ -28,7 +28,7 @@ PRIORITY = 1
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argument_parser(
-        LoggerService.name,
+        NAME,
         "Record every message on the robot's bus to an MCAP file, byte by byte as it was sent, "
         "until Ctrl-C. Prints how many messages of each topic were sent, recorded, lost on the way "
         "and dropped. A killed logger loses less than a second; the file stays readable, and "
@@ -112,7 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     stop = StopSignals().heed()
     try:
-        bus, _, runtime, table = load_settings(arguments, LoggerService.name)
+        bus, _, runtime, table = load_settings(arguments, NAME)
         config = settings_of(arguments, table)
         is_client = bus.mode == "client"
         options = RecordingOptions(

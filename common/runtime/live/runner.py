@@ -69,7 +69,7 @@ class LiveRunner:
         self._realtime = realtime
         self._stop = StopSignals()
         self._journal = Journal(service.name, service.settings)
-        self._stats = LoopStats(service, realtime)
+        self._stats = LoopStats(service.name, service.period_ns, realtime)
         clocks = ClockSync()
         promise_s = service.heartbeat_timeout_s
         self._components = ComponentSet(
@@ -273,7 +273,8 @@ class LiveRunner:
                 gc.freeze()
 
     def _health(self) -> ServiceHealth:
-        more: dict[str, Any] = {"outputs": self._outlets.health()}
+        more: dict[str, Any] = {}
         for component in self._components.all:
             more |= component.report()
-        return self._stats.health(self.inbox).model_copy(update=more)
+        links, outputs = self.inbox.link_health(), self._outlets.health()
+        return self._stats.health(links=links, outputs=outputs, **more)
