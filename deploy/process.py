@@ -5,18 +5,10 @@ import os
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 
 TAIL_LINES = 12
 """Log lines quoted when a service dies."""
-
-
-class Restart(Enum):
-    """Whether a process that ends on its own is started again."""
-
-    NEVER = "never"
-    ON_FAILURE = "on-failure"
 
 
 @dataclass(frozen=True)
@@ -42,7 +34,7 @@ class ProcessSpec:
     name: str
     module: str
     args: tuple[str, ...] = ()
-    restart: Restart = Restart.NEVER
+    restart: bool = False
     max_restarts: int = 3
     spare: bool = False
     wanted: bool = True

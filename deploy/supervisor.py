@@ -19,7 +19,7 @@ from typing import IO
 
 from deploy.child import SPARE
 from deploy.errors import DeployError
-from deploy.process import Exit, ProcessSpec, Restart, tail
+from deploy.process import Exit, ProcessSpec, tail
 
 SPARE_AFTER_S = 3.0
 """A spare is started when its service has run for this long, so that it does not slow the start
@@ -40,11 +40,7 @@ class _Child:
     @property
     def restartable(self) -> bool:
         """Whether it would be started again if it failed now."""
-        return (
-            self.spec.restart is Restart.ON_FAILURE
-            and self.restarts < self.spec.max_restarts
-            and self.exit is None
-        )
+        return self.spec.restart and self.restarts < self.spec.max_restarts and self.exit is None
 
 
 @dataclass(frozen=True)

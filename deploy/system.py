@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deploy.errors import DeployError
-from deploy.process import ProcessSpec, Restart
+from deploy.process import ProcessSpec
 
 RUNS = Path("runs")
 """Directory of all runs, below the current directory."""
@@ -39,7 +39,7 @@ class SystemOptions:
     cameras: bool = True
     record: bool = True
     config: Path | None = None
-    restart: Restart = Restart.NEVER
+    restart: bool = False
     links: str = ""
     task: str | None = None
     seed: int | None = None

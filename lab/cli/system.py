@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
-from deploy.process import Restart
 from deploy.system import SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
@@ -112,7 +111,7 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
+def _system_options(arguments: argparse.Namespace, *, restart: bool) -> SystemOptions:
     from lab.trials.links import system_links
 
     task_links = {} if arguments.task is None else _links_of(arguments.task)
@@ -146,7 +145,7 @@ def _demo(arguments: argparse.Namespace) -> int:
 
     ended = run_demo(
         DemoOptions(
-            system=_system_options(arguments, Restart.NEVER),
+            system=_system_options(arguments, restart=False),
             script=arguments.script,
             seconds=arguments.seconds,
             timeout=arguments.timeout,
@@ -166,7 +165,7 @@ def _drive_arguments(parser: argparse.ArgumentParser) -> None:
 def _drive(arguments: argparse.Namespace) -> int:
     from lab.live.drive import run_drive
 
-    ended = run_drive(_system_options(arguments, Restart.ON_FAILURE), arguments.base_port)
+    ended = run_drive(_system_options(arguments, restart=True), arguments.base_port)
     return _finish(ended, arguments, pictures=True, video=arguments.video)
 
 
@@ -178,7 +177,7 @@ def _up_arguments(parser: argparse.ArgumentParser) -> None:
 def _up(arguments: argparse.Namespace) -> int:
     from lab.live.drive import run_up
 
-    ended = run_up(_system_options(arguments, Restart.ON_FAILURE), arguments.base_port)
+    ended = run_up(_system_options(arguments, restart=True), arguments.base_port)
     if arguments.no_record:
         print(f"{ended.verdict.outcome}: {ended.verdict.reason}; output in {ended.run_dir}")
         return int(ended.verdict.outcome != "completed")

@@ -9,7 +9,7 @@ from typing import IO
 from mcap.writer import CompressionType, Writer
 
 from common.files import whole_file
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
 from services.logger.read.wall_clock import Times
 

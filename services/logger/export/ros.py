@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from common.robot.joints import JOINT_NAMES
 from common.schemas import CameraFrame
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -169,6 +169,6 @@ def _scene(_: str, scene: SceneState, times: Times) -> Iterator[Sample]:
 
 
 def _event(name: str, message: Any, times: Times) -> Iterator[Sample]:
-    line = event_line(message)
-    if line is not None:
-        yield spatial.log_line("/events", times.stamp, name, line.text, warning=line.warning)
+    text, warning = event_line(message)
+    if text:
+        yield spatial.log_line("/events", times.stamp, name, text, warning=warning)

@@ -19,7 +19,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import urlencode
 
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 
 HOST = "127.0.0.1"
 RECORDING = "recording.rrd"

@@ -10,8 +10,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
+from services.logger.errors import ExportError
 from services.logger.export.convert import Summary, export_log
-from services.logger.export.errors import ExportError
 from services.logger.view import rerun as view
 from services.logger.view.webview import RECORDING, address_of, web_server
 from tests.services.logger.export_support import session, write
