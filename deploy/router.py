@@ -12,13 +12,13 @@ import logging
 import time
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from common.errors import TrillError, report
 from common.ports import DEFAULT_BASE_PORT, ROUTER_OFFSET
 from common.runtime.live.stopping import StopSignals
-from common.transport.config import BusConfig, bus_of, split_list
+from common.transport.config import BusConfig, bus_of
+from common.transport.options import add_bus_options
 from common.transport.session import open_session
 
 NAME = "router"
@@ -82,23 +82,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
-    result.add_argument("--host", help="address of the port table (127.0.0.1) [TRILL_HOST]")
-    result.add_argument(
-        "--base-port",
-        type=int,
-        help=f"first port of the table ({DEFAULT_BASE_PORT}) [TRILL_BASE_PORT]",
-    )
-    result.add_argument(
-        "--listen",
-        type=split_list,
-        help="endpoints for clients, by commas (tcp/HOST:BASE_PORT-1) [TRILL_LISTEN]",
-    )
-    result.add_argument(
-        "--connect",
-        type=split_list,
-        help="endpoints of services, by commas (the port table) [TRILL_CONNECT]",
-    )
+    add_bus_options(result)
     return result
 
 

@@ -100,16 +100,16 @@ def view(arguments: argparse.Namespace) -> int:
     from services.logger.view import rerun
 
     with ProgressBar("converting") as bar:
-        prepared = rerun.prepare(
+        path, summary = rerun.prepare(
             log_path(arguments.log), fresh=arguments.fresh, on_progress=bar.show
         )
-    if prepared.summary is not None:
-        print("\n".join(_remarks(prepared.summary)))
-    print(f"recording      {prepared.path}")
+    if summary is not None:
+        print("\n".join(_remarks(summary)))
+    print(f"recording      {path}")
     if arguments.web or not rerun.has_display():
-        rerun.show_in_browser(prepared.path, arguments.port, _print_address)
+        rerun.show_in_browser(path, arguments.port, _print_address)
         return 0
-    return rerun.show(prepared.path)
+    return rerun.show(path)
 
 
 def summary_lines(summary: "Summary") -> list[str]:

@@ -75,7 +75,6 @@ def add_recording_options(to: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--observer",
-        "--quiet",
         action="store_true",
         help="publish nothing at all, not even the logger's health; always so for a client",
     )

@@ -25,12 +25,12 @@ from pydantic import ValidationError
 
 from common.errors import ConfigError, TrillError, explain, report
 from common.links.config import Links, parse_link_options
-from common.ports import DEFAULT_BASE_PORT
 from common.runtime.live.config import RuntimeConfig
 from common.runtime.live.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.runtime.live.runner import LiveRunner
 from common.runtime.service import Service
-from common.transport.config import BusConfig, bus_config, read_config_file, split_list
+from common.transport.config import BusConfig, bus_config, read_config_file
+from common.transport.options import add_bus_options
 
 ServiceFactory = Callable[[argparse.Namespace], Service]
 """Builds a service from its parsed arguments (``arguments.settings``: its table in the file)."""
@@ -68,7 +68,7 @@ def argument_parser(
         formatter_class=OptionFormatter,
     )
     group = parser.add_argument_group("bus and runtime")
-    group.add_argument("--config", type=Path, help="TOML file for the whole stack [TRILL_CONFIG]")
+    add_bus_options(group)
     group.add_argument("--robot", help="first part of every key (default: draco3) [TRILL_ROBOT]")
     group.add_argument(
         "--mode",
@@ -76,22 +76,6 @@ def argument_parser(
         help="peer (default): connects to the other services directly; client: reaches them "
         "through a router, for instance across a firewall; router: passes on for clients "
         "[TRILL_MODE]",
-    )
-    group.add_argument("--host", help="address of the port table (default: 127.0.0.1) [TRILL_HOST]")
-    group.add_argument(
-        "--base-port",
-        type=int,
-        help=f"first port of the table (default: {DEFAULT_BASE_PORT}) [TRILL_BASE_PORT]",
-    )
-    group.add_argument(
-        "--connect",
-        type=split_list,
-        help="endpoints, by commas (default: those of the port table) [TRILL_CONNECT]",
-    )
-    group.add_argument(
-        "--listen",
-        type=split_list,
-        help="endpoints, by commas (default: its own in the port table) [TRILL_LISTEN]",
     )
     if delayable:
         group.add_argument(

@@ -5,7 +5,6 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from services.logger.export.convert import OnProgress, Summary, export_log
@@ -18,24 +17,14 @@ SETPOINT_RADIUS = 0.035
 _SIDE_COLOURS = {"left": (78, 121, 167), "right": (242, 142, 43)}
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """A recording that Rerun can open.
-
-    Attributes:
-        path: the .rrd file.
-        summary: what was converted; None if an earlier file is used.
-    """
-
-    path: Path
-    summary: Summary | None
-
-
-def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> Prepared:
+def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> tuple[Path, Summary | None]:
     """Convert ``log`` to a Rerun recording, or find the one made before.
 
     The recording lies beside the log, or in the temporary directory if that place cannot be
     written. It is made again when the log has grown, and for ``fresh``.
+
+    Returns:
+        the .rrd file, and what was converted; None if an earlier file is used.
 
     Raises:
         LoggerError: there is no readable log.
@@ -44,14 +33,14 @@ def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> Prepared:
     folder = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
     path = folder / f"{log.stem}{SUFFIX}"
     if not fresh and _newer(path, existing_segments(log)):
-        return Prepared(path, None)
+        return path, None
     with tempfile.TemporaryDirectory(prefix="trill-view-", dir=folder) as work:
         exported = Path(work) / "exported.mcap"
         summary = export_log(log, exported, on_progress=on_progress)
         unfinished = Path(work) / path.name
         write_recording(exported, unfinished, name=log.parent.name)
         unfinished.replace(path)
-    return Prepared(path, summary)
+    return path, summary
 
 
 def write_recording(exported: Path, path: Path, name: str) -> None:

@@ -68,7 +68,7 @@ def test_a_taken_port_is_named(served: str, tmp_path: Path) -> None:
 
 
 def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
-    return view.prepare(log, fresh=fresh, on_progress=lambda done, total: None).summary
+    return view.prepare(log, fresh=fresh, on_progress=lambda done, total: None)[1]
 
 
 def test_a_recording_is_kept_until_the_log_grows(
