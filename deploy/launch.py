@@ -44,13 +44,7 @@ class RunResult:
 
 @dataclass(frozen=True)
 class RunningSystem:
-    """Processes and bus of a running system.
-
-    Attributes:
-        supervisor: its processes.
-        bus: configuration with which to join its bus.
-        run_dir: directory of its files.
-    """
+    """Processes of a running system, the bus to join it by, and the directory of its files."""
 
     supervisor: Supervisor
     bus: BusConfig

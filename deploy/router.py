@@ -60,10 +60,9 @@ def router_config(bus: BusConfig) -> BusConfig:
 
 
 def describe(kinds: Sequence[str]) -> str:
-    """Return the connections in words, e.g. ``3 peers, 1 client``; ``nobody`` for none.
+    """Return connections, each ``peer``, ``client`` or ``router``, in words: ``3 peers, 1 client``.
 
-    Args:
-        kinds: one of ``peer``, ``client``, ``router`` for each connection.
+    It is ``nobody`` for none.
     """
     counts = Counter(kinds)
     words = [

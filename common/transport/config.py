@@ -165,9 +165,7 @@ class BusConfig(BaseModel):
 def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Read a TOML file of tables: :data:`SHARED_TABLES` and one for each service.
 
-    Args:
-        path: the file.
-        also: services that may have a table though :data:`PORT_OFFSETS` does not name them.
+    Services that may have a table are those of :data:`PORT_OFFSETS` and those in ``also``.
 
     Raises:
         ConfigError: the file cannot be read, is not TOML, or holds anything but known tables.
@@ -232,9 +230,8 @@ def bus_config(
 def bus_of(config: Path | None = None, **arguments: Any) -> BusConfig:
     """Return the bus as the services of a system see it: :func:`bus_config` with their file.
 
-    Args:
-        config: TOML file for the whole stack; None: that of ``TRILL_CONFIG``, if it is set.
-        arguments: fields of :class:`BusConfig`; None counts as not given.
+    The file is ``config``, or that of ``TRILL_CONFIG``. ``arguments`` are fields of
+    :class:`BusConfig`, of which None counts as not given.
 
     Raises:
         ConfigError: the file, a variable or an argument is wrong.

@@ -44,15 +44,10 @@ class Publisher(Generic[M]):
         boot: int,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Declare the publisher.
+        """Declare the publisher of ``topic`` by the service ``source``.
 
-        Args:
-            session: an open Zenoh session.
-            robot: first part of the key.
-            topic: what to publish.
-            source: the sending service.
-            boot: random id of this process's life.
-            clock: gives ``sent`` [ns].
+        ``robot`` is the first part of the key, ``boot`` the random id of this process's life, and
+        ``clock`` gives ``sent`` [ns].
         """
         self.topic = topic
         self.sent = 0
@@ -74,11 +69,9 @@ class Publisher(Generic[M]):
         )
 
     def send(self, message: M, captured_ns: int = 0) -> bool:
-        """Stamp, encode and send; whether the transport took it. Trouble there only counts.
+        """Stamp, encode and send; return whether the transport took it. Its errors are counted.
 
-        Args:
-            message: what to send.
-            captured_ns: when its information came in, unless its header says so.
+        ``captured_ns`` is when the message's information came in, unless its header states that.
 
         Raises:
             SchemaError: the message does not fit the wire.

@@ -70,15 +70,11 @@ class SchemaServer:
 def discover(
     session: "zenoh.Session", robot: str = "*", timeout: float = 1.0
 ) -> dict[str, dict[str, Description]]:
-    """Ask who is there and what they publish.
-
-    Args:
-        session: an open Zenoh session.
-        robot: ask this one only.
-        timeout: for answers [s]; services that are up answer at once.
+    """Query the robots on the bus, or one of them, for what their services publish.
 
     Returns:
-        robot to key to description; answers that are none are passed over.
+        the descriptions by key, by robot; invalid answers are ignored. Services that are up answer
+        at once, others are waited for ``timeout`` [s].
     """
     found: dict[str, dict[str, Description]] = {}
     replies = session.get(f"{robot}/schema/*", target=zenoh.QueryTarget.ALL, timeout=timeout)

@@ -22,12 +22,7 @@ def open_session(
     """Open a session for ``service``; peers that are not there yet are found later.
 
     A client needs its router to open at all, so a client tries again for
-    ``config.patience_s`` or until ``stopping`` says True.
-
-    Args:
-        config: how to reach the bus.
-        service: chooses the listening port of the table.
-        stopping: asked between attempts.
+    ``config.patience_s`` or until ``stopping`` returns True.
 
     Raises:
         BusError: the configuration is not one Zenoh takes, an endpoint cannot be listened on, or

@@ -21,15 +21,10 @@ def show_until_verdict(
     on_snapshot: Callable[[Snapshot], str] = lambda _view: "",
     live: bool | None = None,
 ) -> Verdict:
-    """Poll bus and processes and show them until ``judge`` has a verdict.
+    """Show bus and processes, under the name ``command``, until ``judge`` has a verdict.
 
-    Args:
-        running: the system.
-        monitor: of its bus.
-        command: name for the title, for instance ``trill demo``.
-        judge: decides when it is over.
-        on_snapshot: called with every snapshot; a text that it returns is printed.
-        live: force (or forbid) the live table; None decides by the terminal.
+    ``on_snapshot`` is called with every snapshot, and a text that it returns is printed. ``live``
+    forces (or forbids) the live table; None decides by the terminal.
     """
     supervisor, started = running.supervisor, time.monotonic()
     with Screen(f"{command}  {running.title}", live=live) as screen:

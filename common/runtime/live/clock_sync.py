@@ -107,12 +107,7 @@ class ClockSync(Component):
     def __init__(
         self, clock: Callable[[], int] = time.monotonic_ns, identity: bytes | None = None
     ) -> None:
-        """Prepare.
-
-        Args:
-            clock: the one by which messages are stamped here [ns].
-            identity: its name; None: the system's monotonic clock.
-        """
+        """Stamp by ``clock`` [ns], called ``identity``; None: the system's monotonic clock."""
         self._clock = clock
         self._identity = identity or clock_identity()
         self._peers: dict[tuple[str, int], _Peer] = {}

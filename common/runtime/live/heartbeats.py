@@ -62,11 +62,9 @@ class PeerLiveness:
         return born
 
     def judge(self, now_ns: int, stood_still: bool) -> bool:
-        """Whether the peer is found dead now.
+        """Return whether the peer is found dead at ``now_ns``.
 
-        Args:
-            now_ns: what arrived until then was heard, unless
-            stood_still: the watcher itself did not run; then silence has to be confirmed.
+        If the watcher ``stood_still``, beats may be waiting to be heard: silence is confirmed then.
         """
         if now_ns < self.deadline_ns:
             return False

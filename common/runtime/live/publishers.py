@@ -14,11 +14,7 @@ _log = logging.getLogger(__name__)
 
 
 class PublisherSet:
-    """One publisher for each topic that a service and its runner write.
-
-    Attributes:
-        boot: random id of this life of the service.
-    """
+    """One publisher for each topic that a service and its runner write."""
 
     def __init__(
         self,
@@ -30,17 +26,7 @@ class PublisherSet:
         writes: Iterable[Topic[Any]],
         own: Iterable[Topic[Any]],
     ) -> None:
-        """Declare the publishers.
-
-        Args:
-            session: an open Zenoh session.
-            robot: first part of every key.
-            service: name of the service.
-            boot: random id of this life of it.
-            writes: topics of the service.
-            own: topics of its runner.
-        """
-        self.boot = boot
+        """Declare publishers for the topics ``writes`` of the service and ``own`` of its runner."""
         self._service = service
         self._writes = frozenset(topic.name for topic in writes)
         self._publishers: dict[str, Publisher[Any]] = {
@@ -49,11 +35,7 @@ class PublisherSet:
         }
 
     def publish(self, outputs: Sequence[Output], captured_ns: int) -> None:
-        """Send what a step returned.
-
-        Args:
-            outputs: of the service's own topics.
-            captured_ns: start of the step, for headers that do not say it.
+        """Send what a step returned; ``captured_ns``, its start, is for headers that do not say it.
 
         Raises:
             TrillError: a topic is none of the service's.

@@ -6,13 +6,10 @@ DEFAULT_PRIORITY = 20
 
 
 def enter_realtime(priority: int) -> str:
-    """Ask for SCHED_FIFO for this thread and every thread it starts from now on.
+    """Request SCHED_FIFO for this thread and every thread it starts from now on.
 
-    Call it before the bus is opened, so that the transport's threads inherit it. Falls back to
-    normal scheduling without complaint; what is in force is returned.
-
-    Args:
-        priority: 1 to 99; 0 asks for nothing.
+    Call it before the bus is opened, so that the transport's threads inherit it. The priority is 1
+    to 99; 0 requests nothing. Without permission the scheduling stays normal.
 
     Returns:
         what is in force: ``"SCHED_FIFO 20"``, ``"normal"`` or ``"normal (SCHED_FIFO 20 not

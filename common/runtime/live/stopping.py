@@ -5,11 +5,7 @@ from types import FrameType
 
 
 class StopSignals:
-    """Notices SIGINT and SIGTERM without interrupting what is being done.
-
-    Attributes:
-        asked: whether one has come.
-    """
+    """Sets ``asked`` on SIGINT and SIGTERM, without interrupting what is being done."""
 
     def __init__(self) -> None:
         self.asked = False

@@ -18,11 +18,7 @@ METADATA = "trill"
 
 
 class ExportFile:
-    """An exported file, open for writing; see :func:`export_file`.
-
-    Attributes:
-        counts: messages written, by topic.
-    """
+    """An exported file open for writing, and its messages by topic; see :func:`export_file`."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         """Begin a file on ``stream``."""
@@ -65,10 +61,6 @@ class ExportFile:
 @contextlib.contextmanager
 def export_file(path: Path, *, force: bool) -> Iterator[ExportFile]:
     """Write the file ``path``, which appears when the block has ended well, and only then.
-
-    Args:
-        path: the file to write.
-        force: replace an existing file.
 
     Raises:
         ExportError: the file exists already (and not ``force``), or cannot be written.

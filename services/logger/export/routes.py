@@ -66,13 +66,9 @@ class Routes:
         }
 
     def __call__(self, topic: str, name: str, message: Any, times: Times) -> Iterator[Sample]:
-        """Yield the samples to write for a message.
+        """Yield the samples to write for a message of ``topic``, the row of the topic table.
 
-        Args:
-            topic: the row of the topic table.
-            name: its key without the robot: the topic, and the source if each has its own key.
-            message: the decoded message.
-            times: its times on the wall clock.
+        ``name`` is its key without the robot: the topic, and the source if each has its own key.
 
         Raises:
             ExportError: the message cannot be converted.

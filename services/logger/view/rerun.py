@@ -44,12 +44,9 @@ def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> tuple[Path, S
 
 
 def write_recording(exported: Path, path: Path, name: str) -> None:
-    """Write an exported file as a Rerun recording, with robot shapes and layout.
+    """Write a file of :func:`export_log` as a Rerun recording, the .rrd file ``path``.
 
-    Args:
-        exported: made by :func:`export_log`.
-        path: the .rrd file to write.
-        name: shown in the viewer.
+    It has robot shapes and layout; the viewer shows ``name``.
     """
     import rerun as rr
     from rerun.chunk import McapReader, OptimizationProfile
@@ -78,10 +75,7 @@ def show(path: Path) -> int:
 def show_in_browser(path: Path, port: int, on_address: Callable[[str], None]) -> None:
     """Serve the recording and the web viewer on this machine until interrupted.
 
-    Args:
-        path: the .rrd file.
-        port: of the loopback interface; 0: any free one.
-        on_address: called with the address to open.
+    ``on_address`` is called with the address to open; port 0 takes any free one.
 
     Raises:
         ExportError: the port is taken, or Rerun does not work.
