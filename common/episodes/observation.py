@@ -6,7 +6,9 @@ sees in service what it was trained on.
 
 import numpy as np
 
-from common.robot.bodyposes import USUAL_HAND, body_poses, nearer
+from common.robot.kinematics import FORWARD_HAND, end_effector_poses
+from common.robot.rotations import nearer_sign
+from common.robot.workspace import clamp_to_workspace
 from common.schemas import ControllerState, PlantState, SceneState, Setpoint
 from common.schemas.arrays import Float64Array as Array
 
@@ -22,7 +24,7 @@ def observation(state: PlantState, controller: ControllerState) -> Frame:
     """
     q = state.joint_position
     return {
-        "observation/poses": body_poses().of(q),
+        "observation/poses": end_effector_poses(q),
         "observation/control_state": int(controller.state),
         "observation/joint_sin_cos": np.concatenate((np.sin(q), np.cos(q))),
         "observation/joint_velocity": state.joint_velocity,
@@ -33,14 +35,15 @@ def observation(state: PlantState, controller: ControllerState) -> Frame:
 def action(setpoint: Setpoint) -> Frame:
     """Return the ``action/`` columns: the set-points of hands [m], grippers and neck [rad].
 
-    Hand quaternions get the sign nearer to the usual orientation of a hand, so that they do not
-    jump. ``action/locomotion`` is 0: no gait is requested.
+    Hand positions are clamped to the workspace, as the controller does. Hand quaternions get the
+    sign nearer to the usual orientation of a hand, so that they do not jump. ``action/locomotion``
+    is 0: no gait is requested.
     """
     hands: list[Array] = [
-        setpoint.left_hand_position_in_body,
-        nearer(setpoint.left_hand_quaternion_in_body, USUAL_HAND),
-        setpoint.right_hand_position_in_body,
-        nearer(setpoint.right_hand_quaternion_in_body, USUAL_HAND),
+        clamp_to_workspace("left", setpoint.left_hand_position_in_body),
+        nearer_sign(setpoint.left_hand_quaternion_in_body, FORWARD_HAND),
+        clamp_to_workspace("right", setpoint.right_hand_position_in_body),
+        nearer_sign(setpoint.right_hand_quaternion_in_body, FORWARD_HAND),
     ]
     return {
         "action/hands": np.concatenate(hands),

@@ -1,1 +1,1 @@
-"""What every plant shares, simulated or real: guard, servo, fallback and limits."""
+"""Command guard, motor servo, fallback and limits that simulated and real plants share."""

@@ -1,4 +1,4 @@
-"""Settings that every plant shares: servo rate, torque limits, the guard's patience."""
+"""Configuration that every plant shares: servo rate, torque limits, timeouts of the guard."""
 
 from enum import StrEnum
 from typing import Self
@@ -12,21 +12,25 @@ PHYSICS_STEP_NS = 1_000_000_000 // PHYSICS_RATE
 
 
 class TorqueMode(StrEnum):
-    """Which torque limits the motors obey."""
+    """Torque limits of the motors."""
 
     RELAXED = "relaxed"
-    """The public TRILL simulation's limits: 200 N·m more than rated on every leg joint."""
+    """Those of the public TRILL simulation: 200 N·m more than rated on every leg joint."""
     RATED = "rated"
-    """The limits of the public DRACO 3 URDF."""
+    """Those of the public DRACO 3 URDF."""
 
 
 class GuardConfig(BaseModel):
-    """Patience of the command guard, in robot time since the applied command's stamp."""
+    """Timeouts of the command guard, in robot time since the applied command's stamp."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    hold_after: float = Field(default=0.1, gt=0.0, description="then joints hold [s]")
-    damp_after: float = Field(default=5.0, gt=0.0, description="then joints are damped [s]")
+    hold_after: float = Field(
+        default=0.1, gt=0.0, description="time after which the joints hold [s]"
+    )
+    damp_after: float = Field(
+        default=5.0, gt=0.0, description="time after which they are only damped [s]"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -1,14 +1,12 @@
-"""What the motors do when no command stands: hold where they are, or only damp."""
+"""Motor targets without a valid command: hold the position, or only damp."""
 
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.servo import Target, motor_target
 from common.robot.joints import JOINTS, NUM_JOINTS
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 _HOLD: Final[dict[str, tuple[float, float]]] = {
     "hip_ie": (500.0, 10.0),
@@ -29,8 +27,9 @@ _HOLD: Final[dict[str, tuple[float, float]]] = {
 """Stiffness [N·m/rad] and damping [N·m·s/rad] per joint while holding.
 
 A standing robot is an inverted pendulum that topples unless its ankles, in series with knees and
-hips, are stiffer than m g h = 36.5 kg · 9.81 m/s² · 0.7 m = 250 N·m/rad. Damping stays below half
-of what an explicit servo of 1 kHz bears on a foot in the air (kd dt / M < 0.5, M = 0.012 kg·m²).
+hips, are stiffer than m g h = 36.5 kg · 9.81 m/s² · 0.7 m = 250 N·m/rad. Damping is below half of
+the stability limit of an explicit 1 kHz servo for a foot in the air (kd dt / M < 0.5, with
+M = 0.012 kg·m²).
 """
 
 _DAMP: Final[dict[str, float]] = {
@@ -49,7 +48,7 @@ _DAMP: Final[dict[str, float]] = {
     "wrist_pitch": 0.6,
     "neck_pitch": 0.6,
 }
-"""Damping per joint when limp: the robot sinks instead of dropping [N·m·s/rad]."""
+"""Damping per joint without a hold, so that the robot sinks and does not drop [N·m·s/rad]."""
 
 
 def _kind(name: str) -> str:
@@ -63,10 +62,16 @@ _ZERO: Final[Array] = np.zeros(NUM_JOINTS)
 
 
 def hold_target(now_ns: int, position: Array, torque: Array) -> Target:
-    """Hold (27,) ``position`` [rad] stiffly around the (27,) feed-forward ``torque`` [N·m]."""
+    """Return the target that holds a posture stiffly.
+
+    Args:
+        now_ns: robot time [ns].
+        position: (27,) [rad].
+        torque: (27,) feed-forward [N·m].
+    """
     return motor_target(now_ns, position, _ZERO, _ZERO, torque, HOLD_STIFFNESS, HOLD_DAMPING)
 
 
 def damp_target(now_ns: int) -> Target:
-    """Resist motion, hold nothing."""
+    """Return the target that damps motion and holds no position."""
     return motor_target(now_ns, _ZERO, _ZERO, _ZERO, _ZERO, _ZERO, DAMP_DAMPING)

@@ -1,12 +1,12 @@
 """Command guard: decides whether the motors follow the controller, hold, or go limp.
 
-The controller may be wrong, the guard not; hence it is small, knows neither physics nor transport,
-and every branch of it is tested.
+The guard must be right where the controller may be wrong. It is therefore small, independent of
+physics and transport, and tested in every branch.
 
 Silence is counted in robot time from the *stamp* of the command in force, that is from the
-measurement behind it, and not from its reception: a command that was late on its way is worth no
-more than one that was late in coming. So no torque rests on a measurement older than
-``hold_after``, whatever the network does, and nothing ages while the plant is paused.
+measurement behind it, and not from its reception. A delay in the network thus counts like a delay
+in the controller: no torque is based on a measurement older than ``hold_after``, and nothing ages
+while the plant is paused.
 """
 
 from enum import Enum
@@ -21,7 +21,7 @@ from common.schemas import GuardMode, JointCommand
 
 
 class Refusal(Enum):
-    """Why a command was not applied."""
+    """Reason for which a command was not applied."""
 
     ESTOPPED = "emergency stop is latched: reset the plant"
     FALLEN = "the robot has fallen: reset the plant"
@@ -49,13 +49,13 @@ _RANGES: Final = (
     (Refusal.TORQUE, -limits.TORQUE_MAX, limits.TORQUE_MAX),
     (Refusal.GRIPPER, np.full(2, -limits.CLOSURE_MARGIN), np.full(2, 1.0 + limits.CLOSURE_MARGIN)),
 )
-"""Lowest and highest value of each part of a command, in the order of judgement."""
+"""Lowest and highest value of each part of a command, in the order of the checks."""
 _LOWEST: Final = np.concatenate([low for _, low, _ in _RANGES])
 _HIGHEST: Final = np.concatenate([high for _, _, high in _RANGES])
 
 
 def refuse_values(command: JointCommand) -> Refusal | None:
-    """Return why the numbers in ``command`` cannot be applied, or None."""
+    """Return why the numbers in ``command`` cannot be applied; None if they can."""
     values = np.concatenate(
         (
             command.stiffness,
@@ -84,10 +84,10 @@ class Guard:
     ESTOP is left only by :meth:`reset`.
 
     Attributes:
-        mode: what the motors shall do.
-        command: the last good command since the reset, which stands until a better one.
-        applied, refused, holds: counts over the guard's life.
-        last_refusal: why the latest refused command was refused.
+        mode: present state.
+        command: last command applied since the reset; None: none.
+        applied, refused, holds: counts since construction.
+        last_refusal: reason of the last refusal; None: none yet.
     """
 
     def __init__(self, config: GuardConfig) -> None:
@@ -100,7 +100,7 @@ class Guard:
         self.reset(-1)
 
     def reset(self, epoch_ns: int) -> None:
-        """Return to SILENT; commands stamped at or before ``epoch_ns`` (robot time) are void."""
+        """Return to SILENT; commands stamped at or before robot time ``epoch_ns`` are refused."""
         self.mode = GuardMode.SILENT
         self.command: JointCommand | None = None
         self._epoch_ns = epoch_ns
@@ -111,7 +111,7 @@ class Guard:
         self.mode = GuardMode.ESTOP
 
     def offer(self, command: JointCommand, now_ns: int) -> bool:
-        """Judge ``command`` at robot time ``now_ns``; whether it is now in force."""
+        """Check a command at robot time ``now_ns`` [ns] and return whether it is applied."""
         refusal = self._refuse(command, now_ns)
         if refusal is not None:
             self.refused += 1
@@ -123,7 +123,12 @@ class Guard:
         return True
 
     def tick(self, now_ns: int, fallen: bool) -> GuardMode:
-        """Let robot time pass to ``now_ns``; ``fallen`` latches until the reset."""
+        """Advance to robot time ``now_ns`` [ns] and return the mode.
+
+        Args:
+            now_ns: robot time [ns].
+            fallen: whether the robot has fallen; latched until the reset.
+        """
         self._fallen |= fallen
         if self.mode is GuardMode.ESTOP:
             return self.mode

@@ -1,13 +1,12 @@
-"""What a joint command may ask for: gains the servo is stable with, values joints can have.
+"""Bounds of a joint command: gains with which the servo is stable, and possible joint values.
 
-A command beyond these bounds is wrong, not merely ambitious: torques within them are still cut to
-the motors' limits, positions to the joints' stops.
+A command beyond them is refused as wrong. Within them the servo still limits torques to those of
+the motors, and spares the joints' stops.
 """
 
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.robot.joints import (
     EFFORT_RELAXED,
@@ -17,8 +16,7 @@ from common.robot.joints import (
     POSITION_UPPER,
     VELOCITY_LIMIT,
 )
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 _SERVO_STEP: Final = 1e-3
 
@@ -38,7 +36,7 @@ _EFFECTIVE_INERTIA: Final[dict[str, float]] = {
     "wrist_pitch": 0.0137,
     "neck_pitch": 0.0176,
 }
-"""1 / diag(M^-1) in the nominal crouch, feet free [kg·m²]: what a motor feels least."""
+"""1 / diag(M^-1) in the nominal crouch with free feet [kg·m²]: the least inertia at a motor."""
 
 
 def _inertia(name: str) -> float:
@@ -48,21 +46,21 @@ def _inertia(name: str) -> float:
 EFFECTIVE_INERTIA: Final[Array] = np.array([_inertia(joint.name) for joint in JOINTS])
 
 DAMPING_MAX: Final[Array] = EFFECTIVE_INERTIA / _SERVO_STEP
-"""(27,) kd dt / M = 1: an explicit damper turns a velocity round within one step beyond it."""
+"""(27,) from kd dt / M = 1, beyond which an explicit damper reverses a velocity in one step."""
 
 STIFFNESS_MAX: Final[Array] = np.full(NUM_JOINTS, 1000.0)
 """(27,) [N·m/rad]."""
 
 POSITION_MARGIN: Final = 0.2
-"""Commands may lie this far beyond a joint's stop (measured noise, penetration) [rad]."""
+"""Allowance beyond a joint's stop, for measurement noise and penetration [rad]."""
 
 POSITION_MIN: Final[Array] = POSITION_LOWER - POSITION_MARGIN
 POSITION_MAX: Final[Array] = POSITION_UPPER + POSITION_MARGIN
 VELOCITY_MAX: Final[Array] = 5.0 * VELOCITY_LIMIT
-"""(27,) wide, for a command may carry the measured velocity, which spikes at touch-down [rad/s]."""
+"""(27,) wide, since commands hold the measured velocity, which peaks at touch-down [rad/s]."""
 ACCELERATION_MAX: Final[Array] = np.full(NUM_JOINTS, 2e3)
 """(27,) [rad/s²]."""
 TORQUE_MAX: Final[Array] = 2.0 * EFFORT_RELAXED
-"""(27,) feed-forward; the servo cuts at the limit in force [N·m]."""
+"""(27,) of the feed-forward; the servo applies the motors' limit [N·m]."""
 CLOSURE_MARGIN: Final = 0.05
-"""Gripper closures may lie this far outside 0..1."""
+"""Allowance of gripper closures outside 0..1."""

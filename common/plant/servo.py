@@ -1,14 +1,13 @@
-"""Motor servo: joint command in, motor torque out, as a motor driver does at its own rate.
+"""Motor servo: motor torques from a joint command, as a motor driver computes them at its rate.
 
-All quantities are per motor (25). A knee motor turns two hinges, jp = jd, by one torque T on each:
-its coordinate is (jp + jd) / 2, its command the mean of the two halves' commands, and its
-limit the limit of one half.
+All quantities are per motor (25). A knee motor turns two hinges, jp = jd, with one torque T on
+each: its coordinate is (jp + jd) / 2, its command the mean of the two hinges' commands, and its
+limit that of one hinge.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.config import TorqueMode
 from common.robot.joints import (
@@ -19,17 +18,16 @@ from common.robot.joints import (
     POSITION_LOWER,
     POSITION_UPPER,
 )
-
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 EXTRAPOLATION_LIMIT_NS = 30_000_000
-"""Set-points are extrapolated from their stamp for at most this long [ns]."""
+"""Longest extrapolation of a set-point from its stamp [ns]."""
 
 LIMIT_FADE = 0.02
-"""Torque that pushes outward fades to nothing this far beyond a joint's position limit [rad]."""
+"""Distance beyond a joint's limit at which an outward torque has faded to zero [rad]."""
 
 JOINT_TO_MOTOR: Array = (MOTOR_TO_JOINT / MOTOR_TO_JOINT.sum(axis=0)).T
-"""(25, 27): mean over the joints a motor turns. Takes positions, velocities and torques."""
+"""(25, 27) mean over the joints of a motor, for positions, velocities and torques."""
 
 _MOTORS = np.arange(NUM_MOTORS)
 _POSITION = slice(0, NUM_MOTORS)
@@ -39,7 +37,7 @@ _TIME = 2 * NUM_MOTORS
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """What the motors are to do.
+    """Control law of all motors.
 
     Attributes:
         stamp_ns: robot time from which the set-point is extrapolated [ns].
@@ -59,7 +57,7 @@ def motor_target(
     stiffness: Array,
     damping: Array,
 ) -> Target:
-    """Reduce a joint command to motors.
+    """Return the motors' control law for a joint command.
 
     tau = tau_ff + kp (q_cmd - q) + kd (dq_cmd - dq) with q_cmd = q* + dq* h + ddq* h² / 2 and
     dq_cmd = dq* + ddq* h is linear in (q, dq, 1, h, h²), so that each physics step costs one
@@ -92,7 +90,7 @@ def motor_target(
 
 
 def torque_limit(mode: TorqueMode) -> Array:
-    """(25,) largest motor torque [N·m]; a knee's is that of one half."""
+    """Return the largest motor torque (25,); for a knee that of one hinge [N·m]."""
     return JOINT_TO_MOTOR @ (EFFORT_RATED if mode is TorqueMode.RATED else EFFORT_RELAXED)
 
 
@@ -120,7 +118,13 @@ class Servo:
         self._inside = np.zeros(NUM_MOTORS)
 
     def torque(self, target: Target, now_ns: int, out: Array) -> None:
-        """Write the (25,) motor torques [N·m] of one physics step at ``now_ns`` into ``out``."""
+        """Write the motor torques of one physics step into ``out``.
+
+        Args:
+            target: control law.
+            now_ns: robot time [ns].
+            out: (25,) torques [N·m].
+        """
         h = min(max(now_ns - target.stamp_ns, 0), EXTRAPOLATION_LIMIT_NS) * 1e-9
         self._input[_TIME + 1] = h
         self._input[_TIME + 2] = h * h
@@ -133,10 +137,10 @@ class Servo:
         inside = np.maximum(self.position, self._lower, out=self._inside)
         np.minimum(inside, self._upper, out=inside)
         if inside.tobytes() != self.position.tobytes():
-            self._spare_the_stops(self.position - inside, out)
+            self._spare_stops(self.position - inside, out)
 
     @staticmethod
-    def _spare_the_stops(beyond: Array, tau: Array) -> None:
-        """Fade torques that push joints further ``beyond`` (25,) their position limits [rad]."""
+    def _spare_stops(beyond: Array, tau: Array) -> None:
+        """Fade torques (25,) that push motors further ``beyond`` (25,) their limits [N·m, rad]."""
         outward = beyond * tau > 0.0
         tau[outward] *= np.maximum(0.0, 1.0 - np.abs(beyond[outward]) / LIMIT_FADE)

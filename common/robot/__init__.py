@@ -1,1 +1,1 @@
-"""The DRACO 3 humanoid as data: one MJCF, joint and motor tables, frame names."""
+"""The DRACO 3 humanoid: its MJCF, joints, motors, frames and workspace; rotations, kinematics."""

@@ -21,7 +21,7 @@ FOOT_FRAMES: Final[Mapping[str, str]] = {"left": "l_foot", "right": "r_foot"}
 HAND_FRAMES: Final[Mapping[str, str]] = {"left": "l_hand", "right": "r_hand"}
 """Sites between the finger pads, oriented as the wrist: hand along -z, fingers opening on y."""
 CAMERAS: Final[Mapping[str, str]] = {"left": "left", "right": "right"}
-"""Stereo pair on the head; left is +y. The public MJCF has the names the other way round."""
+"""Cameras of the stereo pair on the head; left is +y. The public MJCF swaps the names."""
 CAMERA_BASELINE: Final = 0.06
 CAMERA_FOVY_DEG: Final = 120.0
 
@@ -35,9 +35,9 @@ FINGER_GEOMS: Final[Mapping[str, tuple[str, str]]] = {
     "left": ("l_finger_a_col", "l_finger_b_col"),
     "right": ("r_finger_a_col", "r_finger_b_col"),
 }
-"""Pads that may touch what the robot handles."""
+"""Collision geoms of the finger pads."""
 COLLISION_SUFFIX: Final = "_col"
-"""Every collision geom's name ends so."""
+"""Suffix of the names of all collision geoms."""
 
 NOMINAL_HAND_IN_BODY: Final[Mapping[str, tuple[float, float, float]]] = {
     "left": (0.3078, 0.2809996, 0.0459949),

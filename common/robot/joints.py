@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 MJCF_PATH: Final = Path(__file__).with_name("draco3.xml")
 """The robot alone, no floor or light; read by MuJoCo and ``pinocchio.buildModelFromMJCF``."""
@@ -128,7 +127,7 @@ KNEE_JOINTS: Final[tuple[tuple[str, str], ...]] = (
     ("l_knee_fe_jp", "l_knee_fe_jd"),
     ("r_knee_fe_jp", "r_knee_fe_jd"),
 )
-"""(slaved thigh-side hinge jp, shank-side hinge jd); jp = jd always."""
+"""(thigh-side hinge jp, shank-side hinge jd) of each knee, coupled by jp = jd."""
 
 KNEE_INDICES: Final[tuple[tuple[int, int], ...]] = tuple(
     (JOINT_INDEX[jp], JOINT_INDEX[jd]) for jp, jd in KNEE_JOINTS
@@ -136,7 +135,7 @@ KNEE_INDICES: Final[tuple[tuple[int, int], ...]] = tuple(
 
 
 def _frozen(values: list[float] | Array) -> Array:
-    """Float64 copy that cannot be written: these arrays are shared by every importer."""
+    """Return a read-only float64 copy, for every importer shares these arrays."""
     array = np.array(values, dtype=np.float64)
     array.setflags(write=False)
     return array
@@ -165,7 +164,7 @@ def _motor(joint: JointSpec) -> MotorSpec | None:
 
 
 MOTORS: Final[tuple[MotorSpec, ...]] = tuple(m for m in map(_motor, JOINTS) if m is not None)
-"""The 25 motors in canonical order; a knee's motor stands where its jd stands."""
+"""The 25 motors in canonical order; a knee's motor is in the place of its jd."""
 MOTOR_NAMES: Final[tuple[str, ...]] = tuple(motor.name for motor in MOTORS)
 NUM_MOTORS: Final = len(MOTORS)
 
@@ -187,18 +186,18 @@ By virtual work both roles share one matrix; G'G is 2 on the knees and 1 elsewhe
 MOTOR_POSITION_INDEX: Final[tuple[int, ...]] = tuple(
     JOINT_INDEX[motor.joints[-1]] for motor in MOTORS
 )
-"""Joint that shows each motor's coordinate (jd for a knee)."""
+"""Index of the joint that measures each motor's coordinate (jd for a knee)."""
 
 FINGER_JOINTS: Final[Mapping[str, tuple[str, str]]] = {
     "left": ("l_finger_a", "l_finger_b"),
     "right": ("r_finger_a", "r_finger_b"),
 }
-"""Slides of each hand; a opens towards the wrist's +y, b towards -y, and b follows a."""
+"""Finger slides of each hand: a opens towards the wrist's +y, b towards -y; b is coupled to a."""
 GRIPPER_ACTUATORS: Final[Mapping[str, str]] = {"left": "l_gripper", "right": "r_gripper"}
 GRIPPER_STROKE: Final = 0.045
 """Travel of each finger, m: 0 closed (pads touch), 0.045 open (90 mm between pads)."""
 GRIPPER_OPEN_COMMAND: Final = 0.045
 GRIPPER_CLOSE_COMMAND: Final = -0.02
-"""Commanded past contact so that the position servo squeezes (up to ``GRIPPER_FORCE``)."""
+"""Position commanded beyond contact, so that the servo squeezes with up to ``GRIPPER_FORCE``."""
 GRIPPER_FORCE: Final = 60.0
 """Force limit of the gripper's position servo, N."""

@@ -11,7 +11,7 @@ from lab.progress import ProgressBar
 from services.sim.model.world import build_model
 from services.sim.scenes import SCENES
 from services.sim.tasks import Task, all_tasks
-from services.sim.tasks.touch import thing_of
+from services.sim.tasks.contacts import object_of
 
 PICTURES = Path("docs/tasks")
 
@@ -40,7 +40,7 @@ def describe_task(task: Task) -> str:
         f"  {i}. {stage.name}"
         + (f", for {stage.hold:g} s" if stage.hold else "")
         + (f", after: {stage.after}" if stage.after else "")
-        + (" (part of the task)" if stage.counts else "")
+        + (" (part of the task)" if stage.partial else "")
         for i, stage in enumerate(task.stages, start=1)
     ]
     noise = "typical state noise" if task.noise.position else "no state noise"
@@ -52,7 +52,7 @@ def describe_task(task: Task) -> str:
         f"success     {task.rule}",
         "partial     the goal with an undesired contact, or some part of the task in time",
         "failure     a fall, or nothing done in time"
-        + "".join(f", or: {wrong.name}" for wrong in task.wrongs),
+        + "".join(f", or: {wrong.name}" for wrong in task.failures),
         f"conditions  {noise}" + _own_link(task),
         f"origin      {task.origin}",
         f"pictures    {PICTURES / sheet_name(task.name)} (a success of the synthetic operator), "
@@ -80,11 +80,11 @@ def _own_link(task: Task) -> str:
 
 def _undesired(task: Task) -> list[str]:
     """Return the undesired pairs that are possible in the scene, with the likeliest parts."""
-    model = build_model(task.scene, looks=False)
+    model = build_model(task.scene, visuals=False)
     # The robot's collision shapes use the first collision bit.
     reachable = (model.geom_contype | model.geom_conaffinity) & 1
     names = [model.geom(i).name for i in range(model.ngeom) if reachable[i]]
-    things = dict.fromkeys(thing_of(name) for name in names if "." in name)
+    things = dict.fromkeys(object_of(name) for name in names if "." in name)
     likely = ("wrist", "elbow", "knee", "foot", "chest", "finger")
     wanted = {str(pair) for pair in task.desired}
     every = [f"{part} on {thing}" for thing in things for part in likely]

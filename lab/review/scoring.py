@@ -6,9 +6,11 @@ nominal crouch. It lies ahead of the torso's origin, so that a turn on the spot 
 
 import json
 from dataclasses import dataclass
-from math import atan2, cos, degrees, hypot, sin
+from math import cos, degrees, hypot, sin
 from typing import Final
 
+from common.robot.pose import Pose2
+from common.robot.rotations import yaw_from_quaternion
 from common.schemas import (
     Gait,
     GaitOutcome,
@@ -22,30 +24,6 @@ from services.wbc.config import GaitConfig
 
 FEET_AHEAD_OF_TORSO: Final = 0.0537
 """x of the point between the feet in the torso frame, nominal crouch [m]."""
-
-
-@dataclass(frozen=True)
-class Pose2:
-    """A pose on the floor: x, y [m], yaw [rad]."""
-
-    x: float = 0.0
-    y: float = 0.0
-    yaw: float = 0.0
-
-    def then(self, other: "Pose2") -> "Pose2":
-        """The pose reached from here by the motion ``other``, given in this pose's frame."""
-        c, s = cos(self.yaw), sin(self.yaw)
-        return Pose2(
-            self.x + c * other.x - s * other.y,
-            self.y + s * other.x + c * other.y,
-            wrap(self.yaw + other.yaw),
-        )
-
-    def to(self, other: "Pose2") -> "Pose2":
-        """The motion from here to ``other``, in this pose's frame: forward, left, turn."""
-        c, s = cos(self.yaw), sin(self.yaw)
-        dx, dy = other.x - self.x, other.y - self.y
-        return Pose2(c * dx + s * dy, -s * dx + c * dy, wrap(other.yaw - self.yaw))
 
 
 def commanded_motions(config: GaitConfig | None = None) -> dict[Gait, Pose2]:
@@ -75,15 +53,9 @@ def recorded_motions(journal: StepJournal) -> dict[Gait, Pose2] | None:
         return None
 
 
-def wrap(angle: float) -> float:
-    """``angle`` [rad] brought to (-pi, pi]."""
-    return atan2(sin(angle), cos(angle))
-
-
 def planar_pose(truth: PlantState) -> Pose2:
     """Return the pose of the point between the nominal feet, headed as the torso is."""
-    w, x, y, z = (float(value) for value in truth.base_quaternion)
-    yaw = atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    yaw = yaw_from_quaternion(truth.base_quaternion)
     return Pose2(
         float(truth.base_position[0]) + FEET_AHEAD_OF_TORSO * cos(yaw),
         float(truth.base_position[1]) + FEET_AHEAD_OF_TORSO * sin(yaw),

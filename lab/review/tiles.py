@@ -4,8 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 
 from lab.review.frames import Image, OnProgress, with_caption
 from lab.review.timeline import Moment, Timeline
-from services.sim.rendering.render import FollowCamera, render_states
-from services.sim.rendering.shots import shot_of
+from services.sim.rendering.render import FollowCamera, render_states, task_view
 from services.sim.scenes.base import View
 
 
@@ -28,7 +27,7 @@ def render_scene(
         SceneError: the scene is unknown, or changed during the run.
     """
     if camera is None:
-        camera = shot_of(timeline.task.task if timeline.task else "", timeline.scene)
+        camera = task_view(timeline.task.task if timeline.task else "", timeline.scene)
     return render_states(
         (timeline.truth[index] for index in indices),
         *(width, height, camera),

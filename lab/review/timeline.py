@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.robot.joints import LEFT_ARM, RIGHT_ARM
+from common.robot.pose import Pose2
 from common.schemas import (
     CameraFrame,
     Gait,
@@ -29,7 +30,7 @@ from common.schemas import (
 )
 from common.topics import PLANT_TRUTH, Topic
 from lab.live.new_trials import preceded_first_operator
-from lab.review.scoring import Pose2, commanded_motions, recorded_motions
+from lab.review.scoring import commanded_motions, recorded_motions
 
 RATE = 12.5
 """Ground truth is thinned to this rate [Hz], so that hours of it fit in memory."""

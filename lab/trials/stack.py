@@ -75,7 +75,6 @@ class TaskStack:
             self.runner.run_for(0.1)
         self.runner.run_for(SECONDS_AFTER_VERDICT)
         assert self.status is not None
-        person = self.operator.person
         return TrialResult(
             task=self.spec.task,
             seed=self.spec.seed,
@@ -83,7 +82,7 @@ class TaskStack:
             time=self.status.time,
             reason=self.status.reason,
             gave_up=self.operator.failure,
-            doing="" if person is None else person.note,
+            doing=self.operator.note,
             stages=tuple(stage.name for stage in self.status.stages if stage.done),
             simulated=self.runner.now_ns * 1e-9,
             wall=perf_counter() - began,

@@ -10,10 +10,10 @@ from services.sim.scenes import SCENES
 from services.sim.service import PlantService
 from services.sim.tasks import all_tasks
 
-DESCRIPTION = """The plant: DRACO 3 in MuJoCo at 1 kHz, behind its motor servo and command guard. It
-stands until commands come, follows them while they are sound and fresh, holds its posture when
-they stop (0.1 s), goes limp when they stay away (5 s), and reports its state at 200 Hz of robot
-time. It needs no display; for pictures run services.sim.rendering.cameras beside it."""
+DESCRIPTION = """Simulate the plant: DRACO 3 in MuJoCo at 1 kHz, behind its motor servo and command
+guard. It stands until commands arrive, follows them while they are valid and fresh, holds its
+posture when they stop (0.1 s), goes limp when they stay away (5 s), and reports its state at 200 Hz
+of robot time. It needs no display; for pictures run services.sim.rendering.cameras beside it."""
 
 _FIELDS = frozenset(SimConfig.model_fields)
 
@@ -25,7 +25,7 @@ def _add_arguments(parser: ArgumentParser) -> None:
     group.add_argument(
         "--task",
         metavar="NAME",
-        help=f"scored task, in its own scene ({', '.join(all_tasks())}); trill tasks tells more",
+        help=f"scored task, in its own scene ({', '.join(all_tasks())}); see trill tasks",
     )
     group.add_argument(
         "--torque-mode",
@@ -40,17 +40,17 @@ def _add_arguments(parser: ArgumentParser) -> None:
     group.add_argument(
         "--seed",
         type=int,
-        help="of sensor noise and start (0); each reset takes the next, unless it names one",
+        help="seed of sensor noise and start (0); a reset without a seed takes the next one",
     )
     group.add_argument(
         "--noise",
         choices=["none", "typical"],
-        help="on the measured state; typical: 2 mm, 2 cm/s, 0.3 deg (none, or the task's)",
+        help="noise on the measured state; typical: 2 mm, 2 cm/s, 0.3 deg (none, or the task's)",
     )
 
 
 def build(arguments: Namespace) -> PlantService:
-    """Build the service from its configuration table and, over it, the options given."""
+    """Build the service from its configuration table; options override the table."""
     options = {name: value for name, value in vars(arguments).items() if name in _FIELDS}
     if "noise" in options:
         options["noise"] = TYPICAL_NOISE if options["noise"] == "typical" else {}

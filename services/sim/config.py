@@ -9,7 +9,7 @@ from common.errors import ConfigError, explain
 from common.plant.config import PHYSICS_RATE, GuardConfig, TorqueMode
 
 DEFAULT_COM_HEIGHT: dict[TorqueMode, float] = {TorqueMode.RELAXED: 0.70, TorqueMode.RATED: 0.73}
-"""CoM above the soles [m]; rated knees bear one-legged stance only with nearly straight legs."""
+"""CoM above the soles [m]; a rated knee carries one-legged stance only if nearly straight."""
 
 
 class _Config(BaseModel):
@@ -35,17 +35,17 @@ TYPICAL_NOISE = NoiseConfig(
     joint_position=1e-4,
     joint_velocity=0.05,
 )
-"""A good estimator's noise: 2 mm, 2 cm/s, 0.3°, 0.02 rad/s; encoders 0.1 mrad, 0.05 rad/s."""
+"""Noise of a good estimator: 2 mm, 2 cm/s, 0.3°, 0.02 rad/s; encoders 0.1 mrad, 0.05 rad/s."""
 
 
 class SimConfig(_Config):
-    """Everything that shapes a run of the simulated plant."""
+    """Configuration of the simulated plant."""
 
-    scene: str = Field(default="flat", description="what stands around the robot")
+    scene: str = Field(default="flat", description="name of the surroundings")
     task: str = Field(
-        default="", description="scored task, for instance door/unlock; its scene is implied"
+        default="", description="scored task, for instance door/unlock; it sets the scene"
     )
-    seed: int = Field(default=0, ge=0, description="of sensor noise and start pose")
+    seed: int = Field(default=0, ge=0, description="of sensor noise and start")
     torque_mode: TorqueMode = Field(default=TorqueMode.RELAXED, description="motor torque limits")
     com_height: float | None = Field(
         default=None,
@@ -66,7 +66,7 @@ class SimConfig(_Config):
         default=1, ge=1, le=10, description="physics steps of 1 ms per service step"
     )
     catch_up_steps: int = Field(
-        default=20, ge=1, le=1000, description="most physics steps made up in one service step"
+        default=20, ge=1, le=1000, description="most physics steps in one service step"
     )
     state_rate: int = Field(default=200, ge=10, le=1000, description="measured state [Hz]")
     truth_rate: int = Field(default=50, ge=1, le=1000, description="ground truth [Hz]")
@@ -102,7 +102,7 @@ def validated(schema: type[C], *tables: Mapping[str, Any]) -> C:
     """Return the configuration ``schema`` from ``tables``, later ones over earlier ones.
 
     Raises:
-        ConfigError: a value is unknown or out of range; says which and what was expected.
+        ConfigError: a value is unknown or out of range; the message names it.
     """
     merged: dict[str, Any] = {}
     for table in tables:

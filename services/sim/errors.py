@@ -1,4 +1,4 @@
-"""What the simulated plant raises."""
+"""Exceptions of the simulated plant."""
 
 from common.errors import TrillError
 

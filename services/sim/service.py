@@ -1,4 +1,4 @@
-"""The simulated plant on the bus."""
+"""The simulated plant as a service."""
 
 import logging
 from collections import deque
@@ -23,7 +23,7 @@ from common.topics import (
 )
 from services.sim.config import SimConfig, validated
 from services.sim.errors import PlantDivergedError
-from services.sim.physics.pace import Every, Pace
+from services.sim.physics.pace import Pace, RateTimer
 from services.sim.physics.plant import Plant
 
 _LOG = logging.getLogger(__name__)
@@ -32,10 +32,10 @@ _LOG = logging.getLogger(__name__)
 class PlantService(Service):
     """Runs a :class:`Plant` at the pace of its runner.
 
-    State goes out at the rate of robot time; truth and status at that of the runner's clock, so
-    that a paused plant still shows. While paused there is no new measurement, hence no state. A
-    scene with moving things goes out with the truth and its stamp, so that pictures show both as
-    of one moment; a task's status goes out at its rate and at changes.
+    It publishes the measured state at a rate in robot time, hence not while paused; ground truth
+    and status at rates of the runner's clock, so that a paused plant can still be seen; the state
+    of a scene that moves right before the ground truth and with the same stamp, so that pictures
+    show one moment; and the task's status at its rate and at every change.
 
     Attributes:
         plant: the plant.
@@ -59,26 +59,26 @@ class PlantService(Service):
         self._state_every = PHYSICS_RATE // config.state_rate
         self._state_due = False
         self._pace = Pace(config.physics_steps, config.catch_up_steps)
-        self._truth_due = Every(config.truth_rate)
-        self._status_due = Every(config.status_rate)
-        self._task_due = Every(round(TASK_STATUS.rate))
-        self._task_told: tuple[object, ...] = ()
-        self._refusals_due = Every(1)
-        self._refusals_told = 0
+        self._truth_due = RateTimer(config.truth_rate)
+        self._status_due = RateTimer(config.status_rate)
+        self._task_due = RateTimer(round(TASK_STATUS.rate))
+        self._task_reported: tuple[object, ...] = ()
+        self._refusals_due = RateTimer(1)
+        self._refusals_logged = 0
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build a plant to be replayed."""
+        """Build the plant for a replay."""
         return cls(validated(SimConfig, settings))
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
-        """Take events and the newest command, run the physics steps due, report."""
+        """Handle requests and the newest command, run the physics steps due, and report."""
         plant = self.plant
         if inputs.events(ESTOP):
             plant.estop()
         for request in inputs.events(PLANT_REQUEST):
-            self._obey(request)
+            self._handle(request)
         if inputs.updated(WBC_COMMAND):
             command = inputs.latest(WBC_COMMAND)
             if command is not None:
@@ -92,16 +92,16 @@ class PlantService(Service):
             self._state_due = False
             outputs.append(Output(PLANT_STATE, plant.measured()))
         if self._truth_due.due(now_ns):
-            outputs += self._truths()
-        outputs += self._task_news(now_ns)
+            outputs += self._ground_truth()
+        outputs += self._task_status(now_ns)
         if self._status_due.due(now_ns):
             outputs.append(Output(PLANT_STATUS, self._status(now_ns)))
         if self._refusals_due.due(now_ns):
-            self._tell_refusals()
+            self._log_refusals()
         return outputs
 
-    def _truths(self) -> list[Output]:
-        """The scene, then the robot: who waits for the robot has both."""
+    def _ground_truth(self) -> list[Output]:
+        """Return the scene, then the robot: whoever waits for the robot then has both."""
         plant, outputs = self.plant, []
         if plant.view.moves and self.wanted(TASK_SCENE):
             scene = plant.view.state(plant.now_ns, plant.reset_count)
@@ -110,28 +110,28 @@ class PlantService(Service):
             outputs.append(Output(PLANT_TRUTH, plant.truth()))
         return outputs
 
-    def _task_news(self, now_ns: int) -> list[Output]:
-        """The task's status when it is due or has changed."""
+    def _task_status(self, now_ns: int) -> list[Output]:
+        """Return the task's status if it is due or has changed."""
         plant, trial = self.plant, self.plant.trial
         if trial is None:
             return []
         judge = trial.judge
-        news = (plant.reset_count, judge.verdict, len(judge.done), len(judge.undesired))
-        changed = news != self._task_told
+        current = (plant.reset_count, judge.verdict, len(judge.done), len(judge.undesired))
+        changed = current != self._task_reported
         if not self._task_due.due(now_ns) and not changed:
             return []
         if changed and judge.verdict is not TaskVerdict.RUNNING:
             _LOG.info("%s: %s: %s", trial.task.name, judge.verdict.name, judge.reason)
-        self._task_told = news
+        self._task_reported = current
         return [Output(TASK_STATUS, trial.status(plant.now_ns, plant.reset_count))]
 
-    def _tell_refusals(self) -> None:
-        """Log what the guard refused, at most once a second."""
+    def _log_refusals(self) -> None:
+        """Log commands that the guard refused, at most once a second."""
         guard = self.plant.guard
-        if guard.refused > self._refusals_told and guard.last_refusal is not None:
-            new = guard.refused - self._refusals_told
+        if guard.refused > self._refusals_logged and guard.last_refusal is not None:
+            new = guard.refused - self._refusals_logged
             _LOG.warning("refused %d commands, the last: %s", new, guard.last_refusal.value)
-            self._refusals_told = guard.refused
+            self._refusals_logged = guard.refused
 
     def _advance(self, steps: int) -> None:
         plant = self.plant
@@ -148,7 +148,7 @@ class PlantService(Service):
         self.plant.reset(seed)
         self._state_due = True
 
-    def _obey(self, request: PlantRequest) -> None:
+    def _handle(self, request: PlantRequest) -> None:
         _LOG.info("%s", request.action.name)
         if request.action is PlantAction.RESET:
             self._reset(request.seed if request.seed >= 0 else None)

@@ -1,1 +1,1 @@
-"""Operator inputs turned into set-points and gait requests."""
+"""Operators: keyboard, scripts, headset and a synthetic operator."""

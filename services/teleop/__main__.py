@@ -25,10 +25,10 @@ from services.teleop.synthetic.traits import TRAITS
 
 USAGE = """usage: python -m services.teleop {scripted,keyboard,synthetic} [options]
 
-An operator: sends hand, gripper and neck set-points at 20 Hz, and gait requests.
+Run an operator: it sends hand, gripper and neck set-points at 20 Hz, and gait requests.
 
-  scripted   plays a script against the robot's feedback, then exits: 0 if all went well
-  keyboard   a person at this terminal, also over ssh and in tmux
+  scripted   plays a script with the robot's feedback, then exits: 0 if it succeeded
+  keyboard   is a person at this terminal, also over ssh and in tmux
   synthetic  does a scored task through the same input as a headset, then exits
 
 The robot's side (plant and controller) runs in processes of its own, started before or after.
@@ -36,8 +36,8 @@ The robot's side (plant and controller) runs in processes of its own, started be
 """
 
 SCRIPTED = """Play a script: wait until the controller balances, then move hands, grippers and neck
-and request gaits, step by step. The exit code is 0 when the script ended well, 1 when it failed
-(the last line says why), 2 when an option is wrong."""
+and request gaits, step by step. The exit code is 0 if the script succeeded, 1 if it failed (the
+last line gives the reason), 2 if an option is wrong."""
 
 SCRIPTED_EXAMPLES = """examples:
   python -m services.teleop scripted                                   the demo, about a minute
@@ -58,11 +58,11 @@ hand pointing ahead:
     {"do": "wait", "seconds": 1}, {"do": "mark", "label": "done"}]}
 """
 
-SYNTHETIC = """Do a scored task as a person with a headset and two hand controllers would: it sees
-the robot and the objects through the feedback link, reacts, reaches, presses buttons, waits and
-corrects. The plant must run the same task (python -m services.sim --task ...). The exit code is 0
-when it has done all it wanted, 1 when it gave up (the last line says why), 2 when an option is
-wrong; whether the task was a success says the plant, on task/status."""
+SYNTHETIC = """Do a scored task as a person with a headset and two hand controllers would: observe
+the robot and the objects through the feedback link, react, reach, press buttons, wait and correct.
+The plant must run the same task (python -m services.sim --task ...). The exit code is 0 if the
+operator completed its plan, 1 if it gave up (the last line gives the reason), 2 if an option is
+wrong. The plant reports on task/status whether the task was a success."""
 
 SYNTHETIC_EXAMPLES = """examples:
   python -m services.teleop synthetic --task door/unlock --seed 3
@@ -70,15 +70,15 @@ SYNTHETIC_EXAMPLES = """examples:
   python -m services.teleop synthetic --task door/walk --stay      a new trial after each reset
 """
 
-KEYBOARD = """Drive the robot from this terminal. Hands move 2 cm or 5 degrees a key press,
-smoothly. A gait asked for while the robot walks is refused, and the screen says so. While a script
-is running this operator only watches, and takes over when it ends."""
+KEYBOARD = """Operate the robot from this terminal. A key press moves the hands smoothly by 2 cm or
+5 degrees. A gait requested while the robot walks is refused, and the screen shows it. While a
+script is running this operator only watches; it takes over when the script ends."""
 
 M = TypeVar("M", bound=BaseModel)
 
 
 class _Formatter(OptionFormatter, argparse.RawDescriptionHelpFormatter):
-    """Shows defaults and leaves the examples as they are."""
+    """Help formatter that shows defaults and keeps the layout of the examples."""
 
 
 def _scripted_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,28 +86,38 @@ def _scripted_arguments(parser: argparse.ArgumentParser) -> None:
     parser.epilog, parser.formatter_class = SCRIPTED_EXAMPLES, _Formatter
     default = ScriptOptions()
     group = parser.add_argument_group("script")
+    group.add_argument("--script", default="demo", help=f"{', '.join(SCRIPTS)}, or a JSON file")
     group.add_argument(
-        "--script", default="demo", help=f"{', '.join(SCRIPTS)}, or a JSON file of steps"
+        "--gait",
+        choices=GAIT_NAMES,
+        default=default.gait.name.lower(),
+        help="of the script 'gaits'",
     )
     group.add_argument(
-        "--gait", choices=GAIT_NAMES, default=default.gait.name.lower(), help="for 'gaits'"
+        "--count",
+        type=_positive,
+        default=default.count,
+        help="number of gaits of 'gaits' and 'random'",
     )
+    group.add_argument("--seed", type=int, default=default.seed, help="of the script 'random'")
     group.add_argument(
-        "--count", type=_positive, default=default.count, help="of gaits, for 'gaits' and 'random'"
+        "--seconds", type=_seconds, default=default.seconds, help="of the script 'stand'"
     )
-    group.add_argument("--seed", type=int, default=default.seed, help="for 'random'")
-    group.add_argument("--seconds", type=_seconds, default=default.seconds, help="for 'stand'")
 
 
 def _synthetic_arguments(parser: argparse.ArgumentParser) -> None:
     parser.prog = "python -m services.teleop synthetic"
     parser.epilog, parser.formatter_class = SYNTHETIC_EXAMPLES, _Formatter
     group = parser.add_argument_group("operator")
-    group.add_argument("--task", choices=list(STRATEGIES), help="which (door/unlock)")
-    group.add_argument("--seed", type=int, help="of all that varies in the operator (0)")
-    group.add_argument("--traits", choices=list(TRAITS), help="kind of operator (practised)")
+    group.add_argument("--task", choices=list(STRATEGIES), help="task to do (door/unlock)")
+    group.add_argument("--seed", type=int, help="seed of the operator's random variation (0)")
     group.add_argument(
-        "--stay", action="store_true", help="after the task wait for the plant's reset, do not end"
+        "--traits", choices=list(TRAITS), help="parameters of the operator (practised)"
+    )
+    group.add_argument(
+        "--stay",
+        action="store_true",
+        help="wait for a reset of the plant after the task instead of ending",
     )
 
 
@@ -156,7 +166,7 @@ def build_synthetic(arguments: argparse.Namespace) -> SyntheticOperator:
     """Build the synthetic operator; its table in the configuration file is ``[teleop]``.
 
     Raises:
-        ConfigError: the table is wrong, or an option does not fit.
+        ConfigError: the table or an option is wrong.
     """
     given = {"task": arguments.task, "seed": arguments.seed, "stay": arguments.stay or None}
     given["traits"] = TRAITS[arguments.traits].model_dump() if arguments.traits else None
@@ -176,7 +186,7 @@ def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:
 
 
 def _stop_on_hangup() -> None:
-    """A closed terminal or lost connection ends the process in order, as SIGTERM does."""
+    """End the process in order, as SIGTERM does, when the terminal closes."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         signal.raise_signal(signal.SIGTERM)

@@ -4,11 +4,11 @@ from common.errors import TrillError
 
 
 class TeleopError(TrillError):
-    """Root of what an operator input raises."""
+    """Root of the operator inputs' exceptions."""
 
 
 class ScriptError(TeleopError):
-    """A script cannot go on; the message is the reason shown to the user."""
+    """A script cannot continue; the message is the reason shown to the user."""
 
 
 class TerminalError(TeleopError):

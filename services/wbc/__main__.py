@@ -11,13 +11,13 @@ from common.tables import overlaid
 from services.wbc.config import PACES, WbcConfig, wbc_config
 from services.wbc.service import WbcService
 
-DESCRIPTION = """Whole-body controller: measured state, hand set-points and gait requests in,
-joint commands out. Takes the robot over in whatever posture it finds it, stands it up, then walks
-one gait at a time on request. Stale set-points: the hands hold."""
+DESCRIPTION = """Run the whole-body controller: measured state, hand set-points and gait requests
+in, joint commands out. It takes the robot over in any posture, stands it up, and then walks one
+gait at a time on request. When set-points become stale, the hands hold."""
 
 
 def _add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options without a default, so that only those given are laid over the file's table."""
+    """Add options without defaults, so that only given ones override the file's table."""
     group = parser.add_argument_group("control", argument_default=argparse.SUPPRESS)
     group.add_argument(
         "--torque-mode",
@@ -34,19 +34,19 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--solver",
         choices=["osqp", "daqp", "quadprog"],
-        help="of the QP (osqp); daqp is exact and faster, quadprog exact and not installed by the "
+        help="QP solver (osqp); daqp is exact and faster, quadprog exact and not installed by the "
         "wbc extra",
     )
     group.add_argument(
         "--raw-hands", action="store_true", help="jump to each hand set-point, no interpolation"
     )
-    group.add_argument("--qp-dump", metavar="DIR", help="keep QPs that were not solved here")
+    group.add_argument("--qp-dump", metavar="DIR", help="directory for unsolved QPs")
 
 
 def _build(arguments: argparse.Namespace) -> WbcService:
-    """The service: presets, the file's ``[wbc]`` table over them, given options over both.
+    """Build the service: the file's ``[wbc]`` table overrides presets, and options override both.
 
-    The table may also name the presets: ``torque_mode`` and ``pace``.
+    The table may also select the presets by ``torque_mode`` and ``pace``.
     """
     given, table = vars(arguments), dict(arguments.settings)
     preset = {name: table.pop(name, "") for name in ("torque_mode", "pace")}

@@ -1,14 +1,18 @@
 """Configuration of the whole-body controller.
 
-Gains and weights are those of a DRACO 3 walking study on this controller: softer than the public
-TRILL values (CoM 400/20, hands 400/60), which lose their margin beyond 10 ms of loop delay.
+Gains and weights are those of a DRACO 3 walking study with this controller. They are softer than
+the public TRILL values (CoM 400/20, hands 400/60), which become unstable with a loop delay of more
+than 10 ms.
 """
 
 from typing import Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.robot import joints
 from common.robot.frames import FOOT_SUPPORT_HALF_SIZE
+from common.schemas.arrays import Float64Array as Array
 
 
 class _Config(BaseModel):
@@ -25,34 +29,38 @@ class Gains(_Config):
 class TaskConfig(_Config):
     """Weights and gains of the tasks in the QP's cost."""
 
-    com_weight: float = Field(default=20.0, description="of the CoM task")
+    com_weight: float = Field(default=20.0, description="weight of the CoM")
     com_horizontal: Gains = Gains(kp=60.0, kd=13.0)
     com_vertical: Gains = Gains(kp=100.0, kd=20.0)
-    torso_weight: float = Field(default=40.0, description="of the torso's orientation")
+    torso_weight: float = Field(default=40.0, description="weight of the torso's orientation")
     torso: Gains = Gains(kp=100.0, kd=20.0)
     hand_position: Gains = Gains(kp=200.0, kd=28.0)
     hand_rotation: Gains = Gains(kp=150.0, kd=24.0)
     hand_weight_balancing: float = Field(
-        default=20.0, description="raised while balancing, as the paper says; not in its code"
+        default=20.0, description="weight of the hands while balancing; higher, as in the paper"
     )
-    hand_weight_walking: float = Field(default=10.0, description="of a hand's position")
+    hand_weight_walking: float = Field(
+        default=10.0, description="weight of the hands in every other state"
+    )
     hand_rotation_share: float = Field(default=0.5, description="rotation weight / position weight")
-    hand_weight_ramp: float = Field(default=0.5, gt=0.0, description="time from one to other [s]")
-    foot_weight_stance: float = Field(default=60.0, description="of a foot on the ground")
-    foot_weight_swing: float = Field(default=40.0, description="of a foot in the air")
+    hand_weight_ramp: float = Field(
+        default=0.5, gt=0.0, description="duration of a change between the two weights [s]"
+    )
+    foot_weight_stance: float = Field(default=60.0, description="weight of a standing foot")
+    foot_weight_swing: float = Field(default=40.0, description="weight of a swinging foot")
     foot: Gains = Gains(kp=300.0, kd=30.0)
-    posture_weight: float = Field(default=0.02, description="of the arms' joint posture")
+    posture_weight: float = Field(default=0.02, description="weight of the arms' joints")
     posture_shoulder: Gains = Gains(kp=50.0, kd=20.0)
     posture_elbow: Gains = Gains(kp=25.0, kd=12.0)
     posture_wrist: Gains = Gains(kp=20.0, kd=8.0)
-    neck_weight: float = Field(default=1.0, description="of the neck joint")
+    neck_weight: float = Field(default=1.0, description="weight of the neck joint")
     neck: Gains = Gains(kp=100.0, kd=20.0)
     acceleration_regulariser: float = Field(
         default=1e-4, description="weight of all joint accelerations"
     )
     force_regulariser: float = Field(default=1e-6, description="weight of the reaction forces")
     force_reference_weight: float = Field(
-        default=1e-6, description="pull of the reaction forces towards the planned share of weight"
+        default=1e-6, description="weight of the planned distribution of the normal forces"
     )
 
 
@@ -60,25 +68,31 @@ class ContactConfig(_Config):
     """Contact model of a foot."""
 
     friction: float = Field(
-        default=0.3, gt=0.0, description="assumed by the cone, below the floor's"
+        default=0.3, gt=0.0, description="friction coefficient of the cone, below the floor's"
     )
     half_length: float = Field(
-        default=FOOT_SUPPORT_HALF_SIZE[0], gt=0.0, description="support polygon along x [m]"
+        default=FOOT_SUPPORT_HALF_SIZE[0], gt=0.0, description="of the support rectangle in x [m]"
     )
-    half_width: float = Field(default=FOOT_SUPPORT_HALF_SIZE[1], gt=0.0, description="along y [m]")
-    normal_force_max: float = Field(default=1000.0, gt=0.0, description="of a loaded foot [N]")
+    half_width: float = Field(
+        default=FOOT_SUPPORT_HALF_SIZE[1], gt=0.0, description="of the support rectangle in y [m]"
+    )
+    normal_force_max: float = Field(
+        default=1000.0, gt=0.0, description="limit for a fully loaded foot [N]"
+    )
 
 
 class LimitConfig(_Config):
     """Bounds inside the QP."""
 
     torque_mode: Literal["relaxed", "rated"] = Field(
-        default="relaxed", description="motor torque limits; the plant's must be the same"
+        default="relaxed", description="motor torque limits; the same as the plant's"
     )
-    acceleration_max: float = Field(default=600.0, gt=0.0, description="any joint [rad/s²]")
-    joint_margin: float = Field(default=0.03, ge=0.0, description="kept from arm limits [rad]")
-    joint_stiffness: float = Field(default=400.0, description="of the arm limit barrier [1/s²]")
-    joint_damping: float = Field(default=40.0, description="of the arm limit barrier [1/s]")
+    acceleration_max: float = Field(default=600.0, gt=0.0, description="of every joint [rad/s²]")
+    joint_margin: float = Field(
+        default=0.03, ge=0.0, description="distance of the arms' barrier from the limits [rad]"
+    )
+    joint_stiffness: float = Field(default=400.0, description="of the arms' barrier [1/s²]")
+    joint_damping: float = Field(default=40.0, description="of the arms' barrier [1/s]")
 
 
 class GaitConfig(_Config):
@@ -96,16 +110,22 @@ class GaitConfig(_Config):
     double_support: float = Field(default=0.35, gt=0.05, description="between the steps [s]")
     final_transfer: float = Field(default=0.5, gt=0.1, description="last double support [s]")
     settle: float = Field(default=0.4, ge=0.0, description="rest before the next gait [s]")
-    unload_fraction: float = Field(default=0.4, gt=0.0, lt=1.0, description="of a double support")
-    load_fraction: float = Field(default=0.3, gt=0.0, lt=1.0, description="of a double support")
-    anchor_distance: float = Field(
-        default=0.04, description="a stance further off plan than this re-anchors the plan [m]"
+    unload_fraction: float = Field(
+        default=0.4, gt=0.0, lt=1.0, description="share of a double support to unload a foot"
     )
-    anchor_angle: float = Field(default=0.09, description="likewise [rad]")
+    load_fraction: float = Field(
+        default=0.3, gt=0.0, lt=1.0, description="share of a double support to load a foot"
+    )
+    anchor_distance: float = Field(
+        default=0.04,
+        description="distance of the stance from the plan beyond which a gait starts from the "
+        "measured stance [m]",
+    )
+    anchor_angle: float = Field(default=0.09, description="likewise for the heading [rad]")
 
     @property
     def duration(self) -> float:
-        """Time one gait takes from acceptance to completion [s]."""
+        """Duration of a gait from acceptance to completion [s]."""
         steps = 2.0 * self.single_support + self.double_support
         return self.initial_transfer + steps + self.final_transfer + self.settle
 
@@ -134,50 +154,58 @@ PACES: dict[str, dict[str, float]] = {
         "settle": 0.6,
     },
 }
-"""Named paces: 2.2 s, 3.35 s, 3.95 s and (as the public TRILL code) 6.1 s a gait."""
+"""Timing of the named paces: 2.2 s, 3.35 s, 3.95 s and, as in public TRILL, 6.1 s a gait."""
 
 
 class HandConfig(_Config):
-    """How hand set-points become references."""
+    """Interpolation of hand set-points.
+
+    Tremor is filtered by the distance of each set-point from its prediction and by the hand's
+    speed. While both are below the thresholds named tremor and movement, the gain is
+    ``tremor_gain``; it rises to 1 where one of them reaches ``movement_ratio`` times its threshold.
+    """
 
     mode: Literal["interpolate", "raw"] = Field(
-        default="interpolate", description="raw: jump to each set-point"
+        default="interpolate", description="raw: the reference jumps to each set-point"
     )
     setpoint_period: float = Field(default=0.05, gt=0.0, description="between set-points [s]")
-    speed_max: float = Field(default=1.0, gt=0.0, description="of the reference [m/s]")
-    turn_rate_max: float = Field(default=4.0, gt=0.0, description="of the reference [rad/s]")
+    speed_max: float = Field(
+        default=1.0, gt=0.0, description="limit of the reference's linear speed [m/s]"
+    )
+    turn_rate_max: float = Field(
+        default=4.0, gt=0.0, description="limit of the reference's angular speed [rad/s]"
+    )
     feedforward_speed_max: float = Field(
-        default=0.6, ge=0.0, description="cap on the velocity read off successive set-points [m/s]"
+        default=0.6, ge=0.0, description="limit of the estimated linear velocity [m/s]"
     )
-    feedforward_rate_max: float = Field(default=2.5, ge=0.0, description="likewise [rad/s]")
+    feedforward_rate_max: float = Field(
+        default=2.5, ge=0.0, description="limit of the estimated angular velocity [rad/s]"
+    )
     tremor: float = Field(
-        default=0.002, gt=0.0, description="set-points this near to the expected tremble [m]"
+        default=0.002, gt=0.0, description="largest distance from the prediction by tremor [m]"
     )
-    tremor_angle: float = Field(default=0.015, gt=0.0, description="likewise [rad]")
+    tremor_angle: float = Field(default=0.015, gt=0.0, description="likewise, rotation [rad]")
     tremor_gain: float = Field(
-        default=0.4, gt=0.0, le=1.0, description="share of it that is followed; 1: all"
+        default=0.4, gt=0.0, le=1.0, description="filter gain under tremor; 1: no filter"
     )
-    movement_speed: float = Field(default=0.04, gt=0.0, description="slower may tremble [m/s]")
-    movement_rate: float = Field(default=0.24, gt=0.0, description="likewise [rad/s]")
+    movement_speed: float = Field(
+        default=0.04, gt=0.0, description="linear speed of the slowest movement [m/s]"
+    )
+    movement_rate: float = Field(
+        default=0.24, gt=0.0, description="angular speed of the slowest movement [rad/s]"
+    )
     movement_ratio: float = Field(
-        default=2.5, gt=1.0, description="so many times all these is a movement, followed whole"
+        default=2.5,
+        gt=1.0,
+        description="multiple of the thresholds above which set-points are followed unfiltered",
     )
-    stale_after: float = Field(default=0.25, gt=0.0, description="then the hands hold [s]")
-    x_range: tuple[float, float] = Field(
-        default=(0.15, 0.56),
-        description="further than a hand reaches: a push's force comes of the set-point's lead",
-    )
-    y_range: tuple[float, float] = Field(
-        default=(-0.10, 0.45), description="of the left hand; the right is mirrored [m]"
-    )
-    z_range: tuple[float, float] = Field(
-        default=(-0.15, 0.40),
-        description="higher, near the chest, the upper arms meet it and the robot topples [m]",
+    stale_after: float = Field(
+        default=0.25, gt=0.0, description="age of the last set-point after which the hands hold [s]"
     )
 
 
 class MotorGains(_Config):
-    """Joint PD that the plant applies around the measured state, between controller ticks."""
+    """Joint PD gains applied by the plant around the measured state [N·m/rad, N·m·s/rad]."""
 
     hip: Gains = Gains(kp=100.0, kd=5.0)
     knee: Gains = Gains(kp=100.0, kd=5.0)
@@ -187,9 +215,22 @@ class MotorGains(_Config):
     wrist: Gains = Gains(kp=15.0, kd=0.6)
     neck: Gains = Gains(kp=20.0, kd=1.0)
 
+    def per_joint(self) -> tuple[Array, Array]:
+        """Return stiffness [N·m/rad] and damping [N·m·s/rad] (27,) of the joints.
+
+        A knee's gains are those of its coordinate, so each of its two hinges gets half.
+        """
+        stiffness, damping = np.zeros(joints.NUM_JOINTS), np.zeros(joints.NUM_JOINTS)
+        for index, joint in enumerate(joints.JOINTS):
+            part = next(name for name in MotorGains.model_fields if name in joint.name)
+            gains: Gains = getattr(self, part)
+            share = 0.5 if part == "knee" else 1.0
+            stiffness[index], damping[index] = share * gains.kp, share * gains.kd
+        return stiffness, damping
+
 
 class WbcConfig(_Config):
-    """Everything about the controller."""
+    """Configuration of the controller."""
 
     rate: float = Field(default=100.0, ge=20.0, le=1000.0, description="[Hz]")
     solver: Literal["osqp", "daqp", "quadprog"] = Field(default="osqp", description="of the QP")
@@ -200,19 +241,24 @@ class WbcConfig(_Config):
     hands: HandConfig = HandConfig()
     motors: MotorGains = MotorGains()
     stand_time: float = Field(default=1.0, gt=0.0, description="to reach the stance at start [s]")
-    qp_dump_dir: str = Field(default="", description="unsolved QPs are written here; '' : nowhere")
+    qp_dump_dir: str = Field(default="", description="directory for unsolved QPs; empty: none")
 
 
 def wbc_config(
     mode: Literal["relaxed", "rated"] = "relaxed", pace: str = "", **overrides: object
 ) -> WbcConfig:
-    """Configuration for a torque mode and pace, with top-level fields overridden.
+    """Return the configuration for a torque mode and a pace.
 
     ``rated`` (the URDF's torques) needs a taller stance and the slow pace: at a CoM height of
-    0.70 m single support asks 110 N·m of a knee coordinate that has 81.7.
+    0.70 m single support needs 110 N·m in a knee coordinate that has 81.7.
+
+    Args:
+        mode: torque mode.
+        pace: one of :data:`PACES`; empty: normal, or slow if rated.
+        **overrides: values of top-level fields.
 
     Raises:
-        ValueError: for an unknown pace or field.
+        ValueError: a pace or field is unknown.
     """
     pace = pace or ("slow" if mode == "rated" else "normal")
     if pace not in PACES:

@@ -1,4 +1,4 @@
-"""The whole-body controller as a pure object: measured state and wishes in, joint command out."""
+"""The whole-body controller without a bus: measured state and set-points in, joint command out."""
 
 from dataclasses import dataclass
 from math import hypot
@@ -8,18 +8,17 @@ from time import perf_counter
 import numpy as np
 
 from common.robot import joints
+from common.robot.rotations import matrix_from_quaternion, rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.body import BodyReference
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
 from services.wbc.hands import HandReference
 from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
+from services.wbc.references import BodyReference, PoseReference
 from services.wbc.robot_model import NV, Dynamics, FrameKinematics, RobotModel, RobotState
-from services.wbc.rotations import matrix_from_quaternion, rotation_vector
 from services.wbc.solvers import Solution, make_solver
-from services.wbc.swing import PoseReference
 from services.wbc.tasks import (
     COM,
     FEET,
@@ -33,16 +32,23 @@ from services.wbc.tasks import (
 )
 
 TORQUE_SHARE = joints.MOTOR_TO_JOINT / joints.MOTOR_TO_JOINT.sum(axis=0)
-"""(27, 25): by virtual work each hinge of a knee gets half of what its coordinate carries."""
+"""(27, 25): by virtual work each hinge of a knee gets half of its coordinate's torque."""
 MAX_DUMPS = 20
-"""Unsolved QPs written to disk per controller life."""
+"""Largest number of unsolved QPs written to disk by one controller."""
 ACCELERATION_DECAY = 0.9
-"""Per tick, of the acceleration of a command that is repeated for want of a new one."""
+"""Factor per tick of the accelerations of a command that is repeated without a new solution."""
 
 
 @dataclass(frozen=True)
 class Command:
-    """Joint command of one tick, 27 joints each: [rad], [rad/s], [rad/s²], [N·m]."""
+    """Joint command of one tick.
+
+    Attributes:
+        position: (27,) [rad].
+        velocity: (27,) [rad/s].
+        acceleration: (27,) [rad/s²].
+        torque: (27,) feed-forward [N·m].
+    """
 
     position: Array
     velocity: Array
@@ -52,12 +58,15 @@ class Command:
 
 @dataclass(frozen=True)
 class TickReport:
-    """What a tick measured about itself.
+    """Diagnostics of one tick.
 
     Attributes:
-        stages: wall time [s] of model, tasks, build, solve.
-        dcm_error: horizontal [m].
-        hand_error: (2, 2) position [m] and rotation [rad] per hand against its last set-point.
+        stages: wall time of model, tasks, build and solve [s].
+        dcm_error: horizontal distance of the DCM from its reference [m].
+        hand_error: (2, 2) distance [m] and angle [rad] of each hand from its last set-point.
+        com: (3,) measured CoM in world [m].
+        solved: whether the QP was solved.
+        status: of the solver.
     """
 
     stages: dict[str, float]
@@ -69,10 +78,9 @@ class TickReport:
 
 
 class Controller:
-    """IHWBC tick (Seo et al. 2023, sec. III-C): tasks, QP, torques.
+    """Implicit-hierarchical whole-body controller (Seo et al. 2023, sec. III-C).
 
-    Time is robot time [s], taken from the states, so a plant that runs slower than the wall
-    changes nothing.
+    Times are robot time, taken from the states, so the plant's real-time factor does not matter.
     """
 
     def __init__(self, config: WbcConfig) -> None:
@@ -93,14 +101,14 @@ class Controller:
         self.restart()
 
     def restart(self) -> None:
-        """Forget plans, references and set-points; the next tick takes the robot as it finds it.
+        """Discard plans, references and set-points; the next tick takes the robot over as it is.
 
-        The model and the solver's workspace stay: building them takes longer than the silence
-        after which a plant's guard begins to hold.
+        Model and solver workspace are kept, for building them takes longer than the silence after
+        which the plant's guard begins to hold.
         """
         config = self.config
         self.locomotion = Locomotion(config)
-        self.hands = (HandReference(0, config.hands), HandReference(1, config.hands))
+        self.hands = (HandReference("left", config.hands), HandReference("right", config.hands))
         self.hand_weight = config.tasks.hand_weight_walking
         self._gripper: Array | None = None
         nominal = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)]
@@ -108,17 +116,17 @@ class Controller:
         self._last: tuple[Command, Array] | None = None
 
     def gripper(self, state: PlantState) -> Array:
-        """Closure (2,) to command: the set-point's, or as found while there is none yet."""
+        """Return the gripper closure (2,) to command; without a set-point the measured one."""
         if self._gripper is None:
             self._gripper = np.clip(state.gripper_closure, 0.0, 1.0)
         return self._gripper
 
     def request(self, request_id: int, gait: Gait) -> None:
-        """Pass on a gait request; the answer appears in ``locomotion.answers()``."""
+        """Request a gait; ``locomotion.answers()`` will hold the answer."""
         self.locomotion.request(request_id, gait)
 
     def set_setpoint(self, setpoint: Setpoint, time: float) -> None:
-        """Take a set-point that arrived at robot time ``time`` [s]."""
+        """Apply a set-point received at robot time ``time`` [s]."""
         poses = (
             (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
             (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
@@ -130,7 +138,7 @@ class Controller:
         self._posture_target[-1] = min(max(setpoint.neck_pitch, low), high)
 
     def tick(self, state: PlantState, time: float) -> tuple[Command, TickReport]:
-        """One control tick at robot time ``time`` [s]."""
+        """Compute the joint command for a state at robot time ``time`` [s]."""
         clock = perf_counter()
         dynamics = self.model.update(RobotState.from_plant(state))
         after_model = perf_counter()
@@ -181,11 +189,11 @@ class Controller:
 
     def _torso_task(self, dynamics: Dynamics, reference: PoseReference) -> None:
         tasks, rotation = self.config.tasks, dynamics.base_rotation
-        # The base's angular velocity is expressed in the body; its Jdot v in world is then zero.
+        # The base's angular velocity is expressed in the body, so Jdot v is zero in world.
         angular = rotation @ dynamics.base_twist[3:]
         desired = (
             reference.acceleration[3:]
-            + tasks.torso.kp * rotation_vector(reference.rotation.dot(rotation.T))
+            + tasks.torso.kp * rotation_vector_from_matrix(reference.rotation.dot(rotation.T))
             + tasks.torso.kd * (reference.velocity[3:] - angular)
         )
         self.stack.jacobian[TORSO, 3:6] = rotation
@@ -209,7 +217,7 @@ class Controller:
     ) -> None:
         tasks = self.config.tasks
         if swing is None:
-            # A standing foot is held by the ground: ask for no acceleration, anchor nothing.
+            # The ground holds a standing foot: no acceleration, and no position reference.
             target = -foot.bias
         else:
             target = pose_acceleration(foot, swing, *self._foot_gains) - foot.bias
@@ -241,7 +249,7 @@ class Controller:
         return command
 
     def _fallback(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Last torques, their accelerations fading; before any solution, gravity's torques."""
+        """Return the last torques with fading accelerations; without any, those against gravity."""
         if self._last is None:
             return dynamics.bias_force[6:].copy(), np.zeros(NV - 6)
         command, torque = self._last
@@ -272,7 +280,7 @@ class Controller:
         for hand, kinematics in zip(self.hands, hands, strict=True):
             position, rotation = hand.target
             offset = position - kinematics.position
-            turn = rotation_vector(rotation.dot(kinematics.rotation.T))
+            turn = rotation_vector_from_matrix(rotation.dot(kinematics.rotation.T))
             errors.append((hypot(*offset.tolist()), hypot(*turn.tolist())))
         return TickReport(
             stages,

@@ -1,14 +1,14 @@
-"""Footsteps of the six gaits: two steps that move the stance and square it up again."""
+"""Footsteps of the six gaits: two steps that displace the stance."""
 
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle
 from common.schemas import Gait
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import GaitConfig
-from services.wbc.rotations import matrix_from_yaw, wrap_angle
 
 Side = Literal[0, 1]
 """0 left, 1 right."""
@@ -16,18 +16,23 @@ Side = Literal[0, 1]
 
 @dataclass(frozen=True)
 class Stance:
-    """Horizontal pose midway between the feet: position (2,) [m] and yaw [rad] in world."""
+    """Horizontal pose midway between the feet, in world.
+
+    Attributes:
+        position: (2,) [m].
+        yaw: heading [rad].
+    """
 
     position: Array
     yaw: float
 
     def moved(self, forward: float, left: float, turn: float) -> "Stance":
-        """The stance displaced in its own frame, then turned."""
+        """Return the stance displaced in its own frame [m] and then turned [rad]."""
         offset = matrix_from_yaw(self.yaw)[:2, :2] @ np.array([forward, left])
         return Stance(self.position + offset, wrap_angle(self.yaw + turn))
 
     def foot(self, side: Side, width: float) -> "Footprint":
-        """Where one foot stands, ``width`` [m] from the other."""
+        """Return the footprint of one foot, ``width`` [m] from the other."""
         offset = 0.5 * width * (1.0 if side == 0 else -1.0)
         shifted = self.moved(0.0, offset, 0.0)
         return Footprint(side, shifted.position, self.yaw)
@@ -35,7 +40,13 @@ class Stance:
 
 @dataclass(frozen=True)
 class Footprint:
-    """Horizontal pose of one sole: position (2,) [m] and yaw [rad] in world."""
+    """Horizontal pose of one sole, in world.
+
+    Attributes:
+        side: 0 left, 1 right.
+        position: (2,) [m].
+        yaw: heading [rad].
+    """
 
     side: Side
     position: Array
@@ -43,7 +54,7 @@ class Footprint:
 
 
 def stance_between(left: Footprint, right: Footprint) -> Stance:
-    """The stance of two feet."""
+    """Return the stance of two feet."""
     yaw = right.yaw + 0.5 * wrap_angle(left.yaw - right.yaw)
     return Stance(0.5 * (left.position + right.position), wrap_angle(yaw))
 
@@ -59,7 +70,7 @@ _FIRST_FOOT: dict[Gait, Side] = {
 
 
 def gait_displacement(gait: Gait, config: GaitConfig) -> tuple[float, float, float]:
-    """Commanded motion (forward [m], left [m], turn [rad]) of one gait in the stance frame."""
+    """Return the commanded motion of a gait in the stance frame: forward, left [m], turn [rad]."""
     return {
         Gait.NONE: (0.0, 0.0, 0.0),
         Gait.FORWARD: (config.forward_step, 0.0, 0.0),
@@ -72,16 +83,16 @@ def gait_displacement(gait: Gait, config: GaitConfig) -> tuple[float, float, flo
 
 
 def plan_footsteps(gait: Gait, stance: Stance, config: GaitConfig) -> list[Footprint]:
-    """The two footprints of a gait, in stepping order, both in the displaced stance.
+    """Return the two footprints of a gait in stepping order, both of the displaced stance.
 
-    Sideways and turning, the foot on the side of the motion goes first so that the feet never
-    cross; forward and backward the left foot leads (as in the public TRILL code).
+    In side-steps and turns the foot on the side of the motion steps first, so that the feet never
+    cross; forward and backward the left foot leads, as in the public TRILL code.
 
     Raises:
-        ValueError: if ``gait`` is NONE.
+        ValueError: ``gait`` is NONE.
     """
     if gait is Gait.NONE:
-        raise ValueError("Gait.NONE has no footsteps; ask for one of the six gaits")
+        raise ValueError("Gait.NONE has no footsteps; expected one of the six gaits")
     target = stance.moved(*gait_displacement(gait, config))
     first = _FIRST_FOOT[gait]
     second: Side = 1 if first == 0 else 0

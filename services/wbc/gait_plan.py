@@ -1,9 +1,10 @@
-"""One gait as a timeline: phases with their discrete state, contact schedule and references."""
+"""Plan of a gait: phases with discrete states, contact schedule, footprints and DCM references."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from common.robot.rotations import wrap_angle
 from common.schemas import ControlState, Gait
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import GaitConfig
@@ -16,7 +17,6 @@ from services.wbc.footsteps import (
     plan_footsteps,
     stance_between,
 )
-from services.wbc.rotations import wrap_angle
 from services.wbc.swing import minimum_jerk
 
 _START = (ControlState.LF_CONTACT_TRANSITION_START, ControlState.RF_CONTACT_TRANSITION_START)
@@ -26,13 +26,13 @@ _SWING = (ControlState.LF_SWING, ControlState.RF_SWING)
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of the gait in one discrete state.
+    """Interval of a gait in one discrete state.
 
     Attributes:
-        state: the paper's discrete state.
-        start, end: times from the start of the gait [s].
-        foot: the foot that is unloaded, swung or about to be (0 left, 1 right).
-        step: index of the step this phase belongs to.
+        state: discrete state, as in the paper.
+        start, end: times since the start of the gait [s].
+        foot: foot that is, or will next be, unloaded or swung (0 left, 1 right).
+        step: index of the step.
     """
 
     state: ControlState
@@ -44,7 +44,18 @@ class Phase:
 
 @dataclass(frozen=True)
 class GaitPlan:
-    """Everything a gait needs, computed once when it is accepted."""
+    """Plan of one gait, computed when it is accepted.
+
+    Attributes:
+        gait: one of the six.
+        phases: in order of time.
+        footprints: landing poses of the two steps.
+        target: stance at the end.
+        dcm: CoM and DCM references.
+        yaw_start: torso heading at the start [rad].
+        yaw_change: change of the torso heading [rad].
+        config: geometry and timing.
+    """
 
     gait: Gait
     phases: tuple[Phase, ...]
@@ -57,18 +68,18 @@ class GaitPlan:
 
     @property
     def duration(self) -> float:
-        """From acceptance to completion [s]."""
+        """Duration from acceptance to completion [s]."""
         return self.phases[-1].end
 
     def phase_at(self, time: float) -> Phase:
-        """Phase in force ``time`` seconds into the gait."""
+        """Return the phase at ``time`` [s] since the start."""
         for phase in self.phases:
             if time < phase.end:
                 return phase
         return self.phases[-1]
 
     def yaw_at(self, time: float) -> tuple[float, float, float]:
-        """Torso heading [rad], rate and acceleration: half the turn during each swing."""
+        """Return torso heading, rate and acceleration [rad]; each swing turns it by half."""
         yaw, rate, acceleration = self.yaw_start, 0.0, 0.0
         for phase in self.phases:
             if phase.state not in _SWING or time < phase.start:
@@ -80,7 +91,7 @@ class GaitPlan:
         return yaw, rate, acceleration
 
     def load_at(self, side: Side, time: float) -> float:
-        """Scheduled load of a foot, 0 (unloaded or swinging) to 1 (fully loaded)."""
+        """Return the scheduled load of a foot, 0 (in the air) to 1 (fully loaded)."""
         load = 1.0
         config = self.config
         for index, phase in enumerate(self.phases):
@@ -110,15 +121,15 @@ def plan_gait(
 
     Args:
         gait: one of the six.
-        measured: where the (left, right) soles are now.
-        anchor: stance the displacement is counted from.
-        com: (2,) present CoM reference, not the measurement, so that nothing jumps.
+        measured: present footprints of the left and the right foot.
+        anchor: stance that the gait displaces.
+        com: (2,) present CoM reference, not its measurement, so that the reference does not jump.
         dcm: (2,) present DCM reference.
         config: geometry and timing.
     """
     prints = plan_footsteps(gait, anchor, config)
     first, second = prints
-    # While the first foot swings the robot stands on the other, where that one is now.
+    # During the first swing the robot stands on the other foot where it is now.
     stances = [measured[second.side].position, first.position]
     left, right = (first, second) if first.side == 0 else (second, first)
     target = stance_between(left, right)

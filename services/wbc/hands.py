@@ -1,40 +1,31 @@
-"""Hand references: clamped set-points joined at controller rate with velocity feed-forward.
+"""Hand references: set-points within the workspace, joined with velocity feed-forward.
 
 Set-points arrive at about 20 Hz. Each becomes a cubic Hermite segment that starts at the present
-reference (position and velocity) and ends one set-point period later (later still if a speed
-limit says so) where the operator will be
-if the motion goes on, by an estimate (operator_motion.py) that leaves out most of a hand's
-trembling. A steady motion is thus followed without lag; a stop costs one period's overshoot. When
-set-points cease, the reference comes to rest at the last one and holds.
+reference (position and velocity). It ends where the hand will be one set-point period later if the
+motion goes on, by an estimate (operator_motion.py) that leaves out most of the trembling; it takes
+longer than that if a speed limit asks for it. A steady motion is thus followed without lag; a stop
+costs one period's overshoot. When set-points cease, the reference comes to rest at the last one.
 """
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
+from common.robot.workspace import clamp_to_workspace
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import HandConfig
 from services.wbc.operator_motion import OperatorMotion
-from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
-from services.wbc.swing import PoseReference
-
-
-def clamp_workspace(position: Array, side: int, config: HandConfig) -> Array:
-    """Hand position (3,) in the body frame limited to the reachable box; ``side`` 0 left."""
-    low, high = config.y_range if side == 0 else (-config.y_range[1], -config.y_range[0])
-    lower = (config.x_range[0], low, config.z_range[0])
-    upper = (config.x_range[1], high, config.z_range[1])
-    clamped: Array = np.minimum(np.maximum(position, lower), upper)
-    return clamped
+from services.wbc.references import PoseReference
 
 
 class _Segment:
-    """Cubic in position and, about a base rotation, in rotation vector.
+    """Cubic Hermite segment of the position and of a rotation vector.
 
     Args:
-        start: time it begins [s].
+        start: time of its beginning [s].
         duration: [s].
-        values: (2, 6) pose offset at both ends: position, rotation vector.
-        rates: (2, 6) its time derivative there.
-        base_rotation: (3, 3) rotation the rotation vector is applied to.
+        values: (2, 6) position and rotation vector at both ends [m, rad].
+        rates: (2, 6) their time derivatives at both ends.
+        base_rotation: (3, 3) rotation that the rotation vector turns.
     """
 
     def __init__(
@@ -42,13 +33,13 @@ class _Segment:
     ) -> None:
         self.start, self.duration, self.base_rotation = start, duration, base_rotation
         (a, b), (va, vb) = values, rates * duration
-        # Hermite basis gathered into powers of the normalised time.
+        # The Hermite basis as powers of the normalised time.
         self._coefficients = np.array(
             (a, va, 3.0 * (b - a) - 2.0 * va - vb, 2.0 * (a - b) + va + vb)
         )
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
-        """Value, rate and acceleration (6,); constant rate and zero acceleration past the end."""
+        """Return value, rate and acceleration (6,); beyond the end the rate is constant."""
         s = min(max((time - self.start) / self.duration, 0.0), 1.0)
         pace = 1.0 / self.duration
         bend = pace * pace if s < 1.0 else 0.0
@@ -65,9 +56,12 @@ class _Segment:
 
 
 class HandReference:
-    """Reference of one hand in the body frame; pure, driven by explicit times [s]."""
+    """Reference of one hand in the body frame; pure, driven by explicit times [s].
 
-    def __init__(self, side: int, config: HandConfig) -> None:
+    It is the one place where set-points are kept within the workspace and their speed is limited.
+    """
+
+    def __init__(self, side: str, config: HandConfig) -> None:
         self._side = side
         self._config = config
         self._segment: _Segment | None = None
@@ -78,33 +72,39 @@ class HandReference:
 
     @property
     def started(self) -> bool:
-        """Whether a pose was ever set."""
+        """Whether a pose was set."""
         return self._target is not None
 
     @property
     def target(self) -> tuple[Array, Array]:
-        """Last set-point after clamping: position (3,), rotation (3, 3), in the body frame."""
+        """Last set-point within the workspace: position (3,) and rotation (3, 3)."""
         if self._target is None:
             raise ValueError("no hand set-point yet; call hold() or set() first")
         return self._target
 
     def hold(self, position: Array, rotation: Array, time: float) -> None:
-        """Rest at a pose from ``time`` on, whatever was before; not clamped."""
+        """Rest at a pose from ``time`` on; it may lie outside the workspace."""
         self._target, self._target_time, self._stopped = (position, rotation), time, True
         self._motion = OperatorMotion(self._config, position, rotation)
         value = np.concatenate((position, np.zeros(3)))
         self._segment = _Segment(time, 1.0, np.array([value, value]), np.zeros((2, 6)), rotation)
 
     def set(self, position: Array, rotation: Array, time: float) -> None:
-        """Take a new set-point that arrived at ``time``."""
+        """Follow a set-point that arrived at ``time``.
+
+        Args:
+            position: (3,) in the body frame [m].
+            rotation: (3, 3) hand to body.
+            time: [s].
+        """
         config = self._config
-        position = clamp_workspace(position, self._side, config)
+        position = clamp_to_workspace(self._side, position)
         if config.mode == "raw" or self._segment is None or self._motion is None:
             self.hold(position, rotation, time)
             return
         elapsed = max(time - self._target_time, 0.5 * config.setpoint_period)
         if elapsed <= config.stale_after:
-            self._motion.take(position, rotation, elapsed)
+            self._motion.update(position, rotation, elapsed)
         else:
             self._motion = OperatorMotion(config, position, rotation)
         motion = self._motion
@@ -115,13 +115,13 @@ class HandReference:
         now = self.at(time)
         config = self._config
         period = config.setpoint_period
-        end = clamp_workspace(position + rate[:3] * period, self._side, config)
+        end = clamp_to_workspace(self._side, position + rate[:3] * period)
         rate = rate.copy()
         rate[:3] = (end - position) / period
-        turn = rotation_vector(rotation @ now.rotation.T) + rate[3:] * period
+        turn = rotation_vector_from_matrix(rotation @ now.rotation.T) + rate[3:] * period
         distance = float(np.linalg.norm(end - now.position))
         angle = float(np.linalg.norm(turn))
-        # A cubic from rest to rest peaks at 1.5 times its mean speed.
+        # The peak speed of a cubic from rest to rest is 1.5 times its mean.
         duration = max(
             period, 1.5 * distance / config.speed_max, 1.5 * angle / config.turn_rate_max
         )
@@ -131,7 +131,7 @@ class HandReference:
         )
 
     def at(self, time: float) -> PoseReference:
-        """Reference at ``time``: body-frame pose, velocity and acceleration."""
+        """Return the reference at ``time``: pose, velocity and acceleration in the body frame."""
         if self._segment is None:
             raise ValueError("no hand set-point yet; call hold() or set() first")
         silent = time - self._target_time
@@ -143,7 +143,7 @@ class HandReference:
         return PoseReference(value[:3], rotation, rate, acceleration)
 
     def _stop(self, time: float) -> None:
-        """Come to rest at the last set-point: nobody says where the operator went."""
+        """Come to rest at the last set-point, for the operator's motion is no longer known."""
         self._stopped = True
         position, rotation = self.target
         self._go(position, rotation, np.zeros(6), time)

@@ -1,19 +1,19 @@
-"""The locomotion state machine: stand up, balance, and one gait at a time on request."""
+"""Locomotion state machine: take over, balance, and one gait at a time on request."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle, yaw_from_matrix
 from common.schemas import ControlState, Gait, GaitOutcome
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.body import BodyReference, SwingPair, force_limits, heading
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Footprint, Side, Stance, stance_between
 from services.wbc.gait_plan import GaitPlan, Phase, plan_gait
+from services.wbc.references import BodyReference, PoseReference, SwingPair, force_limits, heading
 from services.wbc.robot_model import Dynamics
-from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
-from services.wbc.swing import PoseReference, SwingTrajectory
+from services.wbc.swing import SwingTrajectory
 from services.wbc.takeover import Takeover
 
 SWINGS = (ControlState.LF_SWING, ControlState.RF_SWING)
@@ -30,7 +30,7 @@ class Answer:
 
 
 class _FootEstimate:
-    """Running mean of a standing foot's pose: the foot does not move, the measurement shakes."""
+    """Running mean of a standing foot's pose, which averages out measurement noise."""
 
     def __init__(self, samples: int) -> None:
         self._samples = samples
@@ -49,7 +49,12 @@ class _FootEstimate:
 
 
 class Locomotion:
-    """Pure state machine; :meth:`update` once a tick with the robot time [s]."""
+    """Pure state machine of standing and walking; call :meth:`update` once a tick.
+
+    Attributes:
+        state: discrete state.
+        completed: gaits completed.
+    """
 
     def __init__(self, config: WbcConfig) -> None:
         self._config = config
@@ -71,32 +76,38 @@ class Locomotion:
 
     @property
     def gait(self) -> Gait:
-        """Gait in execution; NONE while standing."""
+        """Gait in progress; NONE while standing."""
         return Gait.NONE if self._request is None else self._request[1]
 
     def request(self, request_id: int, gait: Gait) -> None:
-        """Ask for a gait; answered by the next :meth:`update`."""
+        """Request a gait; the next :meth:`update` answers."""
         self._pending.append((request_id, gait))
 
     def answers(self) -> list[Answer]:
-        """Answers since the last call, oldest first."""
+        """Return the answers since the last call, oldest first."""
         answers, self._answers = self._answers, []
         return answers
 
     def abort(self, reason: str) -> Answer | None:
-        """Answer for the gait in progress, if there is one, that will not be completed."""
+        """Return the answer that aborts the gait in progress; None without one."""
         if self._request is None:
             return None
         return Answer(*self._request, GaitOutcome.ABORTED, reason)
 
     def progress(self, time: float) -> float:
-        """Share of the running gait, 0 while standing."""
+        """Return the elapsed share of the gait in progress; 0 while standing."""
         if self._plan is None or self._request is None or self._start_time is None:
             return 0.0
         return min(1.0, max(0.0, (time - self._start_time) / self._plan.duration))
 
     def update(self, dynamics: Dynamics, foot_force: Array, time: float) -> BodyReference:
-        """Advance to ``time`` and return the references; ``foot_force`` as measured (2,) [N]."""
+        """Advance to ``time`` and return the body's references.
+
+        Args:
+            dynamics: model terms at the measured state.
+            foot_force: (2,) measured normal force of the left and the right foot [N].
+            time: robot time [s].
+        """
         self._observe_feet(dynamics)
         if self._takeover is None:
             self._takeover = Takeover(dynamics, foot_force, time, self._config)
@@ -118,7 +129,7 @@ class Locomotion:
                 estimate.reset()
                 continue
             foot = dynamics.feet[side]
-            estimate.update(foot.position, yaw_of(foot.rotation))
+            estimate.update(foot.position, yaw_from_matrix(foot.rotation))
 
     def _swinging_side(self) -> Side:
         return 0 if self.state is ControlState.LF_SWING else 1
@@ -207,7 +218,7 @@ class Locomotion:
         )
 
     def _last_height(self, swing: SwingPair) -> float:
-        """CoM height above the soles that stand; low-passed, for the ground may step."""
+        """Return the CoM height above the standing soles, low-passed at steps in the ground."""
         left, right = (float(foot.position[2]) for foot in self._feet)
         standing = [z for z, s in zip((left, right), swing, strict=True) if s is None]
         goal = sum(standing) / len(standing) + self._config.gait.com_height
@@ -239,7 +250,7 @@ class Locomotion:
 
     def _refusal(self, gait: Gait) -> str:
         if gait is Gait.NONE:
-            return "NONE is not a gait; ask for one of the six"
+            return "NONE is not a gait; expected one of the six"
         if self._request is not None:
             return f"{self._request[1].name} is still in progress; ask again when it is complete"
         if self.state is not ControlState.BALANCE:
@@ -262,10 +273,10 @@ class Locomotion:
         self._start_time = time
 
     def _anchored(self, measured: Stance) -> Stance:
-        """Stance to count the next displacement from.
+        """Return the stance that the next gait displaces.
 
-        Counting from where the last gait should have ended keeps landing errors from adding up;
-        a robot that was pushed or slipped further than the tolerance starts afresh.
+        It is the planned end of the last gait, so that landing errors do not add up, unless the
+        robot was pushed or slipped further than the tolerance: then it is the measured stance.
         """
         anchor, config = self._anchor, self._config.gait
         if anchor is None:

@@ -15,11 +15,13 @@ import numpy as np
 
 from common.robot import joints
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.config import WbcConfig
-from services.wbc.contacts import CONE_ROWS, FZ, wrench_cone
+from services.wbc.config import ContactConfig, WbcConfig
 from services.wbc.robot_model import NUM_MOTORS, NV, Dynamics
 from services.wbc.tasks import TaskStack
 
+CONE_ROWS = 17
+FZ = 2
+"""Index of the normal force in a wrench."""
 NUM_VARIABLES = NV + 12
 DYNAMICS = slice(0, NV)
 TORQUE = slice(6, NV)
@@ -28,17 +30,40 @@ NORMAL = slice(NV + 2 * CONE_ROWS, NV + 2 * CONE_ROWS + 2)
 BOUNDS = slice(NORMAL.stop, NORMAL.stop + NUM_MOTORS)
 NUM_CONSTRAINTS = BOUNDS.stop
 ARMS = slice(12, 24)
-"""Motors of both arms; :data:`ARM_BOUNDS` are their acceleration rows."""
+"""Motors of both arms; :data:`ARM_BOUNDS` are the rows of their accelerations."""
 ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
 INFINITY = 1e20
 AIRBORNE = 2.0
-"""A foot allowed no more normal force than this is given none [N]."""
+"""Normal force limit up to which a foot gets no wrench at all [N]."""
 FORCES = (slice(NV, NV + 6), slice(NV + 6, NV + 12))
+
+
+def wrench_cone(config: ContactConfig) -> Array:
+    """Return the wrench cone U (17, 6) of a rectangular sole: U f >= 0.
+
+    The rows are unilateral contact, friction pyramid, centre of pressure and yaw torque. A wrench f
+    is [fx, fy, fz, mx, my, mz] in the sole's own frame (z up, origin at the centre), so that U is
+    constant (Caron, Pham, Nakamura 2015, eq. 13-16).
+    """
+    mu, x, y = config.friction, config.half_length, config.half_width
+    rows = [[0.0, 0.0, 1.0, 0.0, 0.0, 0.0]]
+    for sign in (1.0, -1.0):
+        rows.append([sign, 0.0, mu, 0.0, 0.0, 0.0])
+        rows.append([0.0, sign, mu, 0.0, 0.0, 0.0])
+        rows.append([0.0, 0.0, y, sign, 0.0, 0.0])
+        rows.append([0.0, 0.0, x, 0.0, sign, 0.0])
+    reach = mu * (x + y)
+    for a in (1.0, -1.0):
+        for b in (1.0, -1.0):
+            # Lower and upper bound of mz, each for the four sign patterns.
+            rows.append([a * y, b * x, reach, -a * mu, -b * mu, 1.0])
+            rows.append([a * y, b * x, reach, a * mu, b * mu, -1.0])
+    return np.array(rows)
 
 
 @dataclass
 class QpData:
-    """min 1/2 x' P x + q' x subject to l <= A x <= u; arrays are reused from tick to tick."""
+    """Matrices of min 1/2 x' P x + q' x subject to l <= A x <= u, overwritten at every tick."""
 
     P: Array = field(default_factory=lambda: np.zeros((NUM_VARIABLES, NUM_VARIABLES)))
     q: Array = field(default_factory=lambda: np.zeros(NUM_VARIABLES))
@@ -48,7 +73,7 @@ class QpData:
 
 
 class QpBuilder:
-    """Fills :class:`QpData`; everything constant is written once."""
+    """Fills :class:`QpData`; constants are written once."""
 
     def __init__(self, config: WbcConfig) -> None:
         self._config = config
@@ -87,11 +112,11 @@ class QpBuilder:
         normal_force_max: tuple[float, float],
         normal_force_desired: tuple[float, float],
     ) -> QpData:
-        """Write this tick's matrices.
+        """Write the matrices of one tick and return them.
 
         Args:
             dynamics: model terms at the measured state.
-            stack: tasks, already filled.
+            stack: filled tasks.
             normal_force_max: upper bound of each foot's normal force [N].
             normal_force_desired: f_r^d of eq. 1, normal components [N].
         """
@@ -107,8 +132,8 @@ class QpBuilder:
                 np.negative(dynamics.foot_wrench_jacobian(side).T, out=data.A[DYNAMICS, columns])
                 data.l[cone], data.u[NORMAL.start + side] = 0.0, normal_force_max[side]
             else:
-                # No wrench at all is the same robot as a cone squeezed to a point, but leaves
-                # a first-order solver no degenerate corner to search.
+                # No wrench at all is equivalent to a cone squeezed to a point, but has no
+                # degenerate corner, in which a first-order solver converges slowly.
                 data.A[DYNAMICS, columns] = 0.0
                 data.l[cone], data.u[NORMAL.start + side] = -INFINITY, INFINITY
             data.q[columns.start + FZ] = -weight * normal_force_desired[side]
@@ -118,10 +143,10 @@ class QpBuilder:
         return data
 
     def _arm_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Second-order barrier (12,) that keeps the arm joints inside their limits.
+        """Return acceleration bounds (12,), (12,) that keep the arm joints inside their limits.
 
-        The QP must know them: a hand task that asks for motion beyond a limit is otherwise met
-        by throwing the torso.
+        They are a second-order barrier. Without them a hand task beyond a limit would be achieved
+        by a fast motion of the torso.
         """
         limits = self._config.limits
         cap = limits.acceleration_max
@@ -132,6 +157,6 @@ class QpBuilder:
         return np.minimum(np.maximum(lower, -cap), cap), np.minimum(np.maximum(upper, -cap), cap)
 
     def torques(self, dynamics: Dynamics, solution: Array) -> Array:
-        """Motor torques (25,) of a solution: S_a (M qdd + h - J' f) [N·m]."""
+        """Return the motor torques (25,) of a solution: S_a (M qdd + h - J' f) [N·m]."""
         tau: Array = self.data.A[TORQUE] @ solution + dynamics.bias_force[6:]
         return tau

@@ -1,8 +1,8 @@
-"""DRACO 3's rigid-body model for the controller, in the 31 coordinates that remain of 33.
+"""Rigid-body model of DRACO 3 in 31 reduced coordinates.
 
 The fingers are locked and each rolling-contact knee (two coupled hinges, q_jp = q_jd) is one
-coordinate: v = G v_r with a constant G, so M_r = G' M G, h_r = G' h, J_r = J G. No constraint
-rows and no null-space projection remain in the QP.
+coordinate: v = G v_r with a constant G, so M_r = G' M G, h_r = G' h, J_r = J G. The QP thus needs
+neither constraint rows nor a null-space projection for the knees.
 
 Order of the reduced velocity: base linear and angular velocity in ``torso_link`` (6), then the
 25 motors in :data:`common.robot.MOTORS` order.
@@ -15,25 +15,25 @@ import numpy as np
 import pinocchio as pin
 
 from common.robot import frames, joints
+from common.robot.rotations import matrix_from_quaternion
 from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
-from services.wbc.rotations import matrix_from_quaternion
 
 NUM_MOTORS = joints.NUM_MOTORS
 NV = 6 + NUM_MOTORS
-"""Size of the reduced velocity."""
+"""Dimension of the reduced velocity."""
 SIDES = ("left", "right")
 LWA = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 ARMS = slice(joints.LEFT_ARM.start, joints.RIGHT_ARM.stop)
-"""Joints of both arms among the 27."""
+"""Indices of both arms' joints among the 27."""
 FOOT_ROWS = (slice(3, 9), slice(9, 15))
 HAND_ROWS = (slice(15, 21), slice(21, 27))
-"""Rows of the frames under the CoM's three."""
+"""Rows of the frames in the stacked Jacobian; the first three are the CoM's."""
 
 
 class FrameKinematics(NamedTuple):
-    """Pose and motion of one frame, in world (feet) or in torso_link (hands).
+    """Pose and motion of a frame, in world (feet) or relative to torso_link (hands).
 
     Attributes:
         position: (3,) origin [m].
@@ -51,7 +51,7 @@ class FrameKinematics(NamedTuple):
 
 
 class RobotState(NamedTuple):
-    """The part of a measured state the model needs, in pinocchio's convention.
+    """Position and velocity of a measured state in pinocchio's convention.
 
     Attributes:
         position: (34,) base position, quaternion (x, y, z, w), 27 joints.
@@ -63,7 +63,7 @@ class RobotState(NamedTuple):
 
     @classmethod
     def from_plant(cls, state: PlantState) -> "RobotState":
-        """Convert a bus message: base velocity from world to body, quaternion to scalar last."""
+        """Convert a state message: base velocity to the body frame, quaternion to scalar last."""
         rotation = matrix_from_quaternion(state.base_quaternion)
         unit = state.base_quaternion / hypot(*state.base_quaternion.tolist())
         return cls(
@@ -82,7 +82,7 @@ class RobotModel:
     """Pinocchio model with locked fingers and merged knees; call :meth:`update` once a tick.
 
     Raises:
-        ModelError: if the MJCF's joints are not the expected 27 in the expected order.
+        ModelError: the MJCF's joints are not the expected 27 in the expected order.
     """
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ class RobotModel:
                 "restore the order of common/robot/draco3.xml or of JOINTS"
             )
         self.data = self.model.createData()
-        # Motion relative to the body is that of the arms alone on a torso at rest at the origin.
+        # Motion relative to the body is that of the arms on a torso at rest at the origin.
         arms = {joints.JOINT_NAMES[i] for i in range(joints.NUM_JOINTS)[ARMS]}
         others = [i for i, name in enumerate(self.model.names) if i and name not in arms]
         self._arm_model = pin.buildReducedModel(self.model, others, pin.neutral(self.model))
@@ -113,7 +113,7 @@ class RobotModel:
         self._upper = np.tri(self.model.nv, dtype=bool).T
         self._no_acceleration = np.zeros(self.model.nv)
         self._arms_no_acceleration = np.zeros(self._arm_model.nv)
-        # Rows of CoM, feet and hands; the hands' are zero in all columns but the arms'.
+        # Rows of CoM, feet and hands; those of the hands are nonzero in the arms' columns only.
         self._jacobians = np.zeros((27, self.model.nv))
         self.motor_positions = np.array(joints.MOTOR_POSITION_INDEX)
 
@@ -125,20 +125,20 @@ class RobotModel:
         return int(model.getFrameId(name))
 
     def reduce_columns(self, matrix: Array) -> Array:
-        """Map (..., 33) to (..., 31): ``matrix @ G``."""
+        """Return ``matrix @ G``, which maps (..., 33) to (..., 31)."""
         reduced: Array = matrix.dot(self._reduction)
         return reduced
 
     def update(self, state: RobotState) -> "Dynamics":
-        """Compute everything the tasks and the QP need at ``state``."""
+        """Compute the terms that tasks and QP need at ``state``."""
         model, data = self.model, self.data
         q, v = state
-        # In this convention the one pass for M (upper triangle) leaves all Jacobians too.
+        # In this convention the pass for M (upper triangle) computes all Jacobians too.
         pin.crba(model, data, q, pin.Convention.WORLD)
         mass = np.where(self._upper, data.M, data.M.T)
         mass = self.reduce_columns(self.reduce_columns(mass).T)
         bias = self.reduce_columns(pin.nonLinearEffects(model, data, q, v))
-        # Accelerations at zero joint acceleration are the Jdot v of every frame and of the CoM.
+        # Accelerations at zero joint acceleration are Jdot v of every frame and of the CoM.
         com = pin.centerOfMass(model, data, q, v, self._no_acceleration, False)
         arms, arm_data = self._arm_model, self._arm_data
         q_arms, v_arms = q[7:][ARMS], v[6:][ARMS]
@@ -179,7 +179,7 @@ class RobotModel:
 def _frame(
     model: pin.Model, data: pin.Data, index: int, jacobian: Array, velocity: Array
 ) -> FrameKinematics:
-    """Add pose and bias to a frame's Jacobian and velocity."""
+    """Return a frame's kinematics from its Jacobian and velocity."""
     placement = pin.updateFramePlacement(model, data, index)
     bias = pin.getFrameClassicalAcceleration(model, data, index, LWA).vector
     return FrameKinematics(
@@ -204,8 +204,8 @@ class Dynamics(NamedTuple):
         com_bias: (3,) Jdot v of the CoM [m/s²].
         feet: (left, right) soles in world.
         hands: (left, right) hand frames relative to torso_link and expressed in it; their
-            Jacobians have no base columns, so the QP cannot chase a hand target by moving the
-            torso that carries it.
+            Jacobians have no base columns, so the QP does not pursue a hand target by moving the
+            torso.
     """
 
     base_position: Array
@@ -223,7 +223,7 @@ class Dynamics(NamedTuple):
     hands: tuple[FrameKinematics, FrameKinematics]
 
     def foot_wrench_jacobian(self, side: int) -> Array:
-        """(6, 31) Jacobian dual to a wrench [force; moment] in the foot's own frame."""
+        """Return the Jacobian (6, 31) dual to a wrench [force; moment] in the foot's own frame."""
         foot = self.feet[side]
         local = np.empty((6, NV))
         to_foot = foot.rotation.T

@@ -1,4 +1,4 @@
-"""The controller as a service: inboxes in, joint commands and controller state out."""
+"""The whole-body controller as a service."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -28,19 +28,18 @@ from common.topics import (
 )
 from services.wbc.config import WbcConfig
 from services.wbc.controller import Command, Controller, TickReport
-from services.wbc.motors import joint_gains
 from services.wbc.requests import RequestTracker
 
 LONGEST_GAP_NS = 120_000_000
-"""States further apart than this [ns] mean that the plant's guard has been holding the robot."""
+"""Gap between states after which the plant's guard has been holding the robot [ns]."""
 _LOG = logging.getLogger(__name__)
 
 
 class WbcService(Service):
-    """Whole-body controller, ticking at ``config.rate`` and phase-locked to the plant's state.
+    """Whole-body controller that ticks at ``config.rate``, phase-locked to the plant's state.
 
-    After a reset of the plant or a long silence, as after a restart of this process, it forgets
-    its plans and takes over from the measured posture. The gait in progress is answered ABORTED.
+    After a reset of the plant or a long silence, as after a restart of this process, it discards
+    its plans and takes over from the measured posture. A gait in progress is answered ABORTED.
     """
 
     name = "wbc"
@@ -53,8 +52,8 @@ class WbcService(Service):
         self.settings = self.config.model_dump(mode="json")
         self.period_ns = round(1e9 / self.config.rate)
         self.controller = Controller(self.config)
-        self.stiffness, self.damping = joint_gains(self.config.motors)
-        self._book = RequestTracker()
+        self.stiffness, self.damping = self.config.motors.per_joint()
+        self._tracker = RequestTracker()
         self._reset_count: int | None = None
         self._stamp = -1
         self._setpoint_due = False
@@ -63,14 +62,14 @@ class WbcService(Service):
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build a controller to be replayed; it dumps no QPs."""
+        """Build the controller for a replay; it dumps no QPs."""
         try:
             return cls(WbcConfig.model_validate({**settings, "qp_dump_dir": ""}))
         except ValidationError as error:
             raise ConfigError(f"the controller's settings are wrong: {explain(error)}") from error
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
-        """One tick; silent while there is no newer state to control."""
+        """Run one control tick; without a newer state only gait requests are answered."""
         state = inputs.latest(PLANT_STATE)
         self._setpoint_due = self._setpoint_due or inputs.updated(TELEOP_SETPOINT)
         self._requests += inputs.events(TELEOP_GAIT)
@@ -91,13 +90,13 @@ class WbcService(Service):
             Output(WBC_STATE, self._controller_state(report, time, header, inputs)),
         ]
         for answer in self.controller.locomotion.answers():
-            self._book.note(answer)
-            request_id = self._book.request_id(answer)
+            self._tracker.record(answer)
+            request_id = self._tracker.request_id(answer)
             outputs.append(self._reply(request_id, answer.gait, answer.outcome, answer.reason))
         return outputs
 
     def _without_state(self, inputs: Inputs) -> list[Output]:
-        """Nothing to control; requests wait for the next state unless the plant is gone."""
+        """Refuse gait requests if the plant is gone; else keep them for the next state."""
         if inputs.fresh(PLANT_STATE):
             return []
         requests, self._requests = self._requests, []
@@ -107,24 +106,24 @@ class WbcService(Service):
         ]
 
     def _take_requests(self) -> list[Output]:
-        """Pass new requests on; answer repeated ones with what is already known."""
+        """Start new gait requests; answer repeated ones with the latest answer."""
         outputs = []
         requests, self._requests = self._requests, []
         for request in requests:
-            known = self._book.answered(request)
+            known = self._tracker.answer_to(request)
             if known is not None:
                 outputs.append(
                     self._reply(known.request_id, known.gait, known.outcome, known.reason)
                 )
-            elif (number := self._book.enter(request)) is not None:
+            elif (number := self._tracker.register(request)) is not None:
                 self.controller.request(number, request.gait)
         return outputs
 
     def _restart_if_needed(self, state: PlantState) -> list[Output]:
-        """Start afresh if the robot is no longer where the controller left it.
+        """Restart the controller if the robot is not where the plans expect it.
 
-        After a reset it stands elsewhere; after a silence the plant's guard has held it, and a
-        plan that went on meanwhile would be far ahead of the feet.
+        After a reset it stands elsewhere; after a silence the plant's guard has held it, and the
+        plans would be far ahead of the feet.
         """
         reason = ""
         if self._reset_count not in (None, state.reset_count) or state.header.stamp < self._stamp:
@@ -135,12 +134,12 @@ class WbcService(Service):
         self._reset_count = state.reset_count
         if not reason:
             return []
-        _LOG.warning("starting afresh: %s", reason)
+        _LOG.warning("restarting the controller: %s", reason)
         aborted = self.controller.locomotion.abort(reason)
         outputs = []
         if aborted is not None:
-            self._book.note(aborted)
-            request_id = self._book.request_id(aborted)
+            self._tracker.record(aborted)
+            request_id = self._tracker.request_id(aborted)
             outputs = [self._reply(request_id, aborted.gait, aborted.outcome, aborted.reason)]
         self._completed_before += self.controller.locomotion.completed
         self.controller.restart()

@@ -1,7 +1,7 @@
-"""QP solvers behind one small interface: OSQP (default), DAQP and quadprog (both exact).
+"""QP solvers with a common interface: OSQP (default), and DAQP and quadprog, which are exact.
 
-OSQP keeps one workspace with a fixed sparsity pattern and starts from the last solution; the
-exact solvers start cold and serve as alternatives and as the yardstick in the tests.
+OSQP keeps a workspace with a fixed sparsity pattern and starts from the last solution. The exact
+solvers start cold; they are alternatives, and the reference in the tests.
 """
 
 from dataclasses import dataclass
@@ -17,12 +17,18 @@ from services.wbc.qp import BOUNDS, INFINITY, NUM_CONSTRAINTS, NUM_VARIABLES, Qp
 from services.wbc.robot_model import NV
 
 EQUALITIES = 6
-"""The first rows of A are equalities."""
+"""Number of equalities, the first rows of A."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """Outcome of one solve; ``x`` is meaningful only when ``solved``."""
+    """Result of one solve.
+
+    Attributes:
+        x: (43,) solution; valid only if ``solved``.
+        solved: whether there is a solution.
+        status: of the solver.
+    """
 
     x: Array
     solved: bool
@@ -40,7 +46,7 @@ class Solver(Protocol):
 
 
 def _pattern() -> tuple[Array, Array]:
-    """Nonzero patterns of P (upper triangle) and A for every configuration of the robot."""
+    """Return the nonzero patterns of P (upper triangle) and A, valid in every configuration."""
     P = np.zeros((NUM_VARIABLES, NUM_VARIABLES))
     P[:NV, :NV] = np.triu(np.ones((NV, NV)))
     P[range(NV, NUM_VARIABLES), range(NV, NUM_VARIABLES)] = 1.0
@@ -58,9 +64,9 @@ def _pattern() -> tuple[Array, Array]:
 
 _SOLVED = (1, 2)
 _OUT_OF_ITERATIONS = 7
-"""OSQP's status values: solved (also inaccurately), maximum iterations reached."""
+"""Status values of OSQP: solved (exactly or inaccurately); maximum iterations reached."""
 FEASIBLE = 1e-3
-"""Largest constraint violation of an iterate that is used although not optimal."""
+"""Largest constraint violation of a non-optimal iterate that is used."""
 FORCE_SCALE = 100.0
 """Unit of the reaction forces inside OSQP [N]."""
 
@@ -68,24 +74,24 @@ FORCE_SCALE = 100.0
 class OsqpSolver:
     """OSQP with a persistent workspace, fixed sparsity and warm start.
 
-    Variables are scaled by hand, x = D y: accelerations by their curvature, forces to hundreds of
-    newtons. OSQP's own equilibration, recomputed at every update, left the force block so badly
-    conditioned that one walking tick in a hundred ran out of iterations.
+    Variables are scaled as x = D y: accelerations by their curvature, forces to 100 N. OSQP's own
+    equilibration, recomputed at every update, left the force block so badly conditioned that one
+    walking tick in a hundred ran out of iterations.
 
-    Arms at their joint limits still cost OSQP hundreds of iterations, ten milliseconds of a tick
-    of ten. So it gets few, and ``rescue``, if there is one, solves what it did not finish.
+    With arms at their joint limits OSQP still needs hundreds of iterations, 10 ms of a 10 ms tick.
+    Its iterations are therefore limited, and ``fallback``, if given, solves what it did not finish.
     """
 
     name = "osqp"
 
     def __init__(
-        self, tolerance: float = 5e-6, max_iterations: int = 150, rescue: "Solver | None" = None
+        self, tolerance: float = 5e-6, max_iterations: int = 150, fallback: "Solver | None" = None
     ) -> None:
         self._tolerance = tolerance
         self._max_iterations = max_iterations
-        self._rescue = rescue
+        self._fallback = fallback
         self._solver: Any = None
-        # Places of P's and A's nonzeros in the flattened matrices.
+        # Indices of P's and A's nonzeros in the flattened matrices.
         self._P_places = self._A_places = np.ones(0, dtype=np.intp)
         self._scale = self._P_scale = self._A_scale = np.ones(0)
 
@@ -125,7 +131,7 @@ class OsqpSolver:
         )
 
     def solve(self, data: QpData) -> Solution:
-        """Update the workspace's values and solve from the last solution."""
+        """Solve from the last solution with updated values."""
         if self._solver is None:
             self._setup(data)
         else:
@@ -143,27 +149,27 @@ class OsqpSolver:
             return Solution(self._scale * result.x, True, str(info.status))
         out_of_time = finite and int(info.status_val) == _OUT_OF_ITERATIONS
         if not out_of_time:
-            # A diverged workspace would poison the next tick's warm start.
+            # A diverged workspace would spoil the next warm start.
             self._solver = None
-        if self._rescue is not None:
-            return self._rescued(data, self._rescue, str(info.status))
-        # Out of iterations but feasible to a millinewton is still good.
+        if self._fallback is not None:
+            return self._solve_exactly(data, self._fallback, str(info.status))
+        # An iterate that is feasible to a millinewton is still usable.
         usable = out_of_time and float(info.prim_res) < FEASIBLE
         return Solution(self._scale * result.x, usable, str(info.status))
 
-    def _rescued(self, data: QpData, rescue: "Solver", status: str) -> Solution:
-        """Solve exactly what OSQP did not finish in time, and let it go on from there."""
-        exact = rescue.solve(data)
+    def _solve_exactly(self, data: QpData, fallback: "Solver", status: str) -> Solution:
+        """Solve exactly what OSQP did not finish, and warm-start OSQP from the solution."""
+        exact = fallback.solve(data)
         if not exact.solved:
-            # A QP without a solution leaves nothing to go on from.
+            # Without a solution there is no warm start.
             self._solver = None
         elif self._solver is not None:
             self._solver.warm_start(x=exact.x / self._scale)
-        return Solution(exact.x, exact.solved, f"{status}; {rescue.name}: {exact.status}")
+        return Solution(exact.x, exact.solved, f"{status}; {fallback.name}: {exact.status}")
 
 
 def _csc_index(mask: Array) -> tuple[Any, Any]:
-    """Row and column indices of a mask's nonzeros in column-major (CSC) order."""
+    """Return the row and column indices of a mask's nonzeros in column-major (CSC) order."""
     columns, rows = np.nonzero(mask.T)
     return rows, columns
 
@@ -237,21 +243,21 @@ _SOLVERS = {"osqp": OsqpSolver, "daqp": DaqpSolver, "quadprog": QuadprogSolver}
 
 
 def make_solver(name: str) -> Solver:
-    """Solver by name.
+    """Return the solver of a name.
 
     Raises:
-        SolverUnavailableError: unknown name, or its package is not installed.
+        SolverUnavailableError: the name is unknown, or its package is not installed.
     """
     if name not in _SOLVERS:
         raise SolverUnavailableError(f"unknown solver {name!r}, expected one of {list(_SOLVERS)}")
     if name == OsqpSolver.name:
-        return OsqpSolver(rescue=_rescue())
+        return OsqpSolver(fallback=_exact_solver())
     solver: Solver = _SOLVERS[name]()
     return solver
 
 
-def _rescue() -> Solver | None:
-    """The exact solver that takes over a QP on which OSQP runs out of iterations."""
+def _exact_solver() -> Solver | None:
+    """Return the solver for QPs on which OSQP runs out of iterations; None if not installed."""
     try:
         return DaqpSolver()
     except SolverUnavailableError:

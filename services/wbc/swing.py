@@ -1,26 +1,22 @@
-"""Reference of a swing foot: minimum jerk across, two minimum-jerk halves up and down."""
+"""Trajectory of a swing foot: minimum jerk across, two minimum-jerk halves up and down."""
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_rotation_vector, rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.rotations import matrix_from_rotation_vector, rotation_vector
-
-
-class PoseReference(NamedTuple):
-    """Desired pose and motion of a frame: (3,), (3, 3), then 6-vectors linear, angular in world."""
-
-    position: Array
-    rotation: Array
-    velocity: Array
-    acceleration: Array
+from services.wbc.references import PoseReference
 
 
 def minimum_jerk(share: float, duration: float) -> tuple[float, float, float]:
-    """Position, velocity [1/s] and acceleration [1/s²] of the quintic 0 to 1 at ``share``."""
+    """Return position, velocity [1/s] and acceleration [1/s²] of a minimum-jerk motion 0 to 1.
+
+    Args:
+        share: elapsed share of the duration; clipped to 0..1.
+        duration: [s].
+    """
     s = min(max(share, 0.0), 1.0)
     position = s**3 * (10.0 + s * (6.0 * s - 15.0))
     velocity = 30.0 * s * s * (1.0 - s) ** 2 / duration
@@ -30,7 +26,7 @@ def minimum_jerk(share: float, duration: float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class SwingTrajectory:
-    """One swing from lift-off to landing.
+    """Trajectory of a sole from lift-off to landing.
 
     Attributes:
         start, end: (3,) sole positions in world [m].
@@ -47,7 +43,7 @@ class SwingTrajectory:
     duration: float
 
     def at(self, time: float) -> PoseReference:
-        """Reference ``time`` seconds after lift-off; at rest outside [0, duration]."""
+        """Return the reference ``time`` [s] after lift-off; at rest outside [0, duration]."""
         s, sd, sdd = minimum_jerk(time / self.duration, self.duration)
         pose, velocity, acceleration = s * self._change, sd * self._change, sdd * self._change
         position = self.start + pose[:3]
@@ -57,8 +53,8 @@ class SwingTrajectory:
 
     @cached_property
     def _change(self) -> Array:
-        """(6,) displacement and turn; the axis is fixed, so the rate is the axis angle's rate."""
-        turn = rotation_vector(self.end_rotation @ self.start_rotation.T)
+        """(6,) displacement and rotation vector; its axis is fixed, so its rate is the twist."""
+        turn = rotation_vector_from_matrix(self.end_rotation @ self.start_rotation.T)
         return np.concatenate((self.end - self.start, turn))
 
     def _height_at(self, time: float) -> tuple[float, float, float]:

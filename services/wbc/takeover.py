@@ -1,37 +1,36 @@
-"""Taking the robot over in whatever stance it is found: put a raised foot down, then stand up.
+"""Takeover of the robot in any stance: lower a raised foot, then stand up.
 
-A controller that starts, or restarts after a silence, may find the robot held on one leg in the
-middle of a step. It brings the CoM over the standing foot and lowers the raised one straight
-down; if the robot is tipping over already, it lowers the foot at once. Only then does the CoM
-move between the feet.
+A controller that starts, or restarts after a silence, may find the robot on one leg in the middle
+of a step. It moves the CoM over the standing foot and lowers the raised one straight down; if the
+robot is tipping over already, it lowers the foot at once. Then the CoM moves between the feet.
 """
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle, yaw_from_matrix
 from common.schemas import ControlState
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.body import BodyReference, SwingPair, force_limits, heading
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Side, Stance
+from services.wbc.references import BodyReference, SwingPair, force_limits, heading
 from services.wbc.robot_model import Dynamics, FrameKinematics
-from services.wbc.rotations import matrix_from_yaw, wrap_angle, yaw_of
 from services.wbc.swing import SwingTrajectory, minimum_jerk
 
 RAISED = 0.015
-"""A sole this much higher than the other is in the air [m]."""
+"""Height difference above which the higher sole may be in the air [m]."""
 TOUCHING = 30.0
-"""A foot with more normal force than this stands, however high [N]."""
+"""Normal force above which a foot stands at any height [N]."""
 SHIFT_TIME = 0.5
-"""To bring the CoM over the standing foot [s]."""
+"""Duration of moving the CoM over the standing foot [s]."""
 LOWER_TIME = 0.7
-"""To lower the raised foot [s]."""
+"""Duration of lowering the raised foot [s]."""
 URGENT_LOWER_TIME = 0.25
-"""To lower it when the standing foot alone cannot keep the robot up [s]."""
+"""The same while the robot tips over [s]."""
 CAPTURABLE = 0.75
-"""Share of the standing sole within which the DCM can still be stopped on one leg."""
+"""Share of the standing sole within which the DCM can be stopped on one leg."""
 LOAD_TIME = 0.3
-"""To load the landed foot again [s]."""
+"""Duration of loading the landed foot [s]."""
 
 
 class Takeover:
@@ -40,7 +39,7 @@ class Takeover:
     def __init__(
         self, dynamics: Dynamics, foot_force: Array, time: float, config: WbcConfig
     ) -> None:
-        """Look at the robot as it is found.
+        """Plan the takeover from the first measured state.
 
         Args:
             dynamics: model terms at the first measured state.
@@ -52,12 +51,12 @@ class Takeover:
         self._start = time
         self._com = dynamics.com_position.copy()
         self._begin: Array | None = None
-        self._yaw = yaw_of(dynamics.base_rotation)
+        self._yaw = yaw_from_matrix(dynamics.base_rotation)
         left, right = (float(foot.position[2]) for foot in dynamics.feet)
         self.raised: Side | None = None
         self._landing = 0.0
         higher: Side = 0 if left > right else 1
-        # A tilted sole may be high at its centre and yet stand on an edge.
+        # A tilted sole may be high at its centre although it stands on an edge.
         if abs(left - right) > RAISED and float(foot_force[higher]) < TOUCHING:
             self._plan_landing(dynamics, higher)
 
@@ -68,18 +67,18 @@ class Takeover:
             self._shift, lower = SHIFT_TIME, LOWER_TIME
             self._over_foot = np.array([*other.position[:2], self._com[2]])
         else:
-            # Tipping over: the other foot must be down before the CoM is far from both.
+            # Tipping over: the foot must land before the CoM is far from both.
             self._shift, lower = 0.0, URGENT_LOWER_TIME
             self._over_foot = self._com
         self._landing = self._shift + lower
-        level = matrix_from_yaw(yaw_of(foot.rotation))
+        level = matrix_from_yaw(yaw_from_matrix(foot.rotation))
         ground = np.array([*foot.position[:2], other.position[2]])
         self._lowering = SwingTrajectory(
             foot.position.copy(), foot.rotation.copy(), ground, level, 0.0, lower
         )
 
     def _capturable(self, dynamics: Dynamics, standing: FrameKinematics) -> bool:
-        """Whether the DCM is over the standing sole, with a margin."""
+        """Return whether the DCM is over the standing sole with a margin."""
         omega = natural_frequency(self._config.gait.com_height)
         dcm = dynamics.com_position + dynamics.com_velocity / omega
         x, y, _ = np.abs(standing.rotation.T @ (dcm - standing.position))
@@ -87,25 +86,25 @@ class Takeover:
         return bool(x < CAPTURABLE * contact.half_length and y < CAPTURABLE * contact.half_width)
 
     def state(self, time: float) -> ControlState:
-        """Discrete state: a swing while a foot is still in the air, else STAND."""
+        """Return the discrete state: a swing while a foot is in the air, else STAND."""
         if self.raised is None or time - self._start >= self._landing:
             return ControlState.STAND
         return ControlState.LF_SWING if self.raised == 0 else ControlState.RF_SWING
 
     def done(self, time: float) -> bool:
-        """Whether the robot now stands as it should."""
+        """Return whether the takeover is complete."""
         return time - self._start >= self._landing + self._config.stand_time
 
     def reference(
         self, time: float, com: Array, stance: Stance, com_height: float
     ) -> BodyReference:
-        """References at ``time``.
+        """Return the references at ``time``.
 
         Args:
             time: robot time [s].
             com: (3,) measured CoM in world [m].
             stance: measured stance of the feet.
-            com_height: CoM height to stand at, in world [m].
+            com_height: final CoM height in world [m].
         """
         elapsed = time - self._start
         if elapsed < self._landing:

@@ -1,4 +1,4 @@
-"""Operational-space tasks of the QP's cost: each is J qdd + Jdot v = xdd_des with a weight.
+"""Operational-space tasks of the QP's cost: J qdd + Jdot v = xdd_des, each with a weight.
 
 Desired accelerations are PD laws around a reference with feed-forward (Seo et al. 2023, eq. 1):
 ``xdd_des = xdd_ref + kp (x_ref - x) + kd (xd_ref - xd)``.
@@ -7,11 +7,11 @@ Desired accelerations are PD laws around a reference with feed-forward (Seo et a
 import numpy as np
 
 from common.robot import joints
+from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import Gains, TaskConfig
+from services.wbc.references import PoseReference
 from services.wbc.robot_model import NV, FrameKinematics
-from services.wbc.rotations import rotation_vector
-from services.wbc.swing import PoseReference
 
 COM = slice(0, 3)
 TORSO = slice(3, 6)
@@ -22,7 +22,7 @@ NUM_ROWS = 43
 
 
 def pose_gains(position: Gains, rotation: Gains) -> tuple[Array, Array]:
-    """Stiffness and damping (6,) of a pose task, linear then angular."""
+    """Return stiffness and damping (6,) of a pose task, linear then angular."""
     return (
         np.repeat([position.kp, rotation.kp], 3),
         np.repeat([position.kd, rotation.kd], 3),
@@ -32,10 +32,10 @@ def pose_gains(position: Gains, rotation: Gains) -> tuple[Array, Array]:
 def pose_acceleration(
     kinematics: FrameKinematics, reference: PoseReference, kp: Array, kd: Array
 ) -> Array:
-    """Desired acceleration (6,), linear then angular, that pulls a frame to a moving pose."""
+    """Return the desired acceleration (6,) of a frame, linear then angular."""
     error = np.empty(6)
     error[:3] = reference.position - kinematics.position
-    error[3:] = rotation_vector(reference.rotation.dot(kinematics.rotation.T))
+    error[3:] = rotation_vector_from_matrix(reference.rotation.dot(kinematics.rotation.T))
     result: Array = kp * error
     result += kd * (reference.velocity - kinematics.velocity)
     result += reference.acceleration
@@ -43,7 +43,7 @@ def pose_acceleration(
 
 
 def posture_gains(config: TaskConfig) -> tuple[Array, Array, Array]:
-    """Stiffness, damping and weight (13,) of the upper-body joints, in canonical order."""
+    """Return stiffness, damping and weight (13,) of the upper-body joints in canonical order."""
     rows: list[tuple[float, float, float]] = []
     for joint in joints.JOINTS:
         if joint.group.endswith("leg"):
@@ -61,17 +61,19 @@ def posture_gains(config: TaskConfig) -> tuple[Array, Array, Array]:
 
 
 class TaskStack:
-    """The rows of all tasks, filled anew each tick into preallocated arrays.
+    """Rows of all tasks, overwritten at every tick.
 
     Attributes:
-        jacobian: (43, 31); target: (43,) xdd_des - Jdot v; weight: (43,).
+        jacobian: (43, 31).
+        target: (43,) xdd_des - Jdot v.
+        weight: (43,).
     """
 
     def __init__(self) -> None:
         self.jacobian = np.zeros((NUM_ROWS, NV))
         self.target = np.zeros(NUM_ROWS)
         self.weight = np.zeros(NUM_ROWS)
-        # Posture rows pick the 13 upper-body coordinates; all other rows change every tick.
+        # The rows of the posture select the 13 upper-body coordinates and never change.
         self.jacobian[POSTURE, NV - 13 :] = np.eye(13)
 
     def put(self, rows: slice, jacobian: Array, target: Array, weight: float | Array) -> None:
@@ -81,6 +83,6 @@ class TaskStack:
         self.weight[rows] = weight
 
     def quadratic(self) -> tuple[Array, Array]:
-        """Hessian (31, 31) and gradient (31,) of 1/2 sum_i w_i |J_i qdd - target_i|^2."""
+        """Return Hessian (31, 31) and gradient (31,) of 1/2 sum_i w_i |J_i qdd - target_i|^2."""
         weighted = (self.weight[:, None] * self.jacobian).T
         return weighted.dot(self.jacobian), -weighted.dot(self.target)

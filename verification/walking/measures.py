@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 
 from common.robot.joints import NUM_JOINTS
+from common.robot.rotations import wrap_angle
 from common.schemas import Gait, GuardMode
 from common.schemas.arrays import Float64Array as Array
 from common.topics import WBC_COMMAND
-from services.wbc.rotations import wrap_angle
 from services.wbc.service import WbcService
 from verification.walking.stack import (
     HandMotion,

@@ -8,6 +8,7 @@ import numpy as np
 
 from common.plant.config import TorqueMode
 from common.robot import frames
+from common.robot.rotations import wrap_angle, yaw_from_matrix
 from common.runtime.service import Inputs, Output, Service
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import ControlState, Gait, GaitOutcome, GaitRequest, Header, Setpoint
@@ -17,7 +18,6 @@ from services.sim.config import TYPICAL_NOISE, NoiseConfig, SimConfig
 from services.sim.service import PlantService
 from services.wbc.config import WbcConfig, wbc_config
 from services.wbc.footsteps import Stance, gait_displacement
-from services.wbc.rotations import wrap_angle, yaw_of
 from services.wbc.service import WbcService
 
 HandMotion = Callable[[float], tuple[Array, Array]]
@@ -166,7 +166,9 @@ class Stack:
     def stance(self) -> Stance:
         """True stance: midway between the soles."""
         (left, left_r), (right, right_r) = (self.site(frames.FOOT_FRAMES[s]) for s in _SIDES)
-        yaw = yaw_of(right_r) + 0.5 * wrap_angle(yaw_of(left_r) - yaw_of(right_r))
+        yaw = yaw_from_matrix(right_r) + 0.5 * wrap_angle(
+            yaw_from_matrix(left_r) - yaw_from_matrix(right_r)
+        )
         return Stance(0.5 * (left + right)[:2], yaw)
 
     def hand_in_body(self, side: int) -> Array:

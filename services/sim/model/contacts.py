@@ -1,15 +1,21 @@
-"""Contacts by geom name, for scoring and for the measured foot forces."""
+"""Contacts between geoms and their normal forces."""
 
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from common.schemas.arrays import Float64Array as Array
 
 
-class Contact(NamedTuple):
-    """One touching pair; ``first < second`` by name. ``force`` is its normal force [N]."""
+class GeomContact(NamedTuple):
+    """Contact of two geoms, in the order of their names.
+
+    Attributes:
+        first: name.
+        second: name.
+        force: normal force [N].
+    """
 
     first: str
     second: str
@@ -17,7 +23,7 @@ class Contact(NamedTuple):
 
 
 def normal_forces(data: Any) -> Array:
-    """(ncon,) normal force of each contact of the last physics step [N]; 0 where inactive.
+    """Return the normal force (ncon,) of each contact of the last step [N]; 0 where inactive.
 
     With elliptic (or frictionless) cones the first constraint row of a contact is its normal.
     """
@@ -29,7 +35,12 @@ def normal_forces(data: Any) -> Array:
 
 
 def foot_normal_forces(data: Any, feet: NDArray[np.intp]) -> Array:
-    """(2,) sum of the normal forces on the foot geoms ``feet`` (2,): left, right [N]."""
+    """Return the total normal force (2,) on the left and the right foot [N].
+
+    Args:
+        data: the ``mujoco.MjData``.
+        feet: (2,) geom ids; left, right.
+    """
     total = dict.fromkeys(feet.tolist(), 0.0)
     # A loop: a dozen contacts are too few for array operations to pay.
     for pair, force in zip(data.contact.geom.tolist(), normal_forces(data).tolist(), strict=True):
@@ -39,10 +50,10 @@ def foot_normal_forces(data: Any, feet: NDArray[np.intp]) -> Array:
     return np.array(list(total.values()))
 
 
-def contact_list(model: Any, data: Any) -> list[Contact]:
-    """Touching pairs of geoms with their summed normal forces, sorted by name."""
+def geom_contacts(model: Any, data: Any) -> list[GeomContact]:
+    """Return the contacts with their total normal forces, sorted by name."""
     total: dict[tuple[str, str], float] = {}
     for (one, other), force in zip(data.contact.geom, normal_forces(data), strict=True):
         first, second = sorted((model.geom(int(one)).name, model.geom(int(other)).name))
         total[first, second] = total.get((first, second), 0.0) + float(force)
-    return [Contact(*pair, force) for pair, force in sorted(total.items())]
+    return [GeomContact(*pair, force) for pair, force in sorted(total.items())]

@@ -1,4 +1,4 @@
-"""The MuJoCo model: the robot from its MJCF, a lit floor, physics options and a scene."""
+"""The MuJoCo model: robot, floor, lights, physics options and a scene."""
 
 from copy import copy
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from common.robot.joints import (
 )
 from services.sim.errors import SceneError
 from services.sim.scenes import find_scene
-from services.sim.scenes.parts import KEY_LIGHT, LOOKS_GROUP
+from services.sim.scenes.parts import KEY_LIGHT, VISUAL_GROUP
 
 FLOOR_GEOM = "floor"
 IMPRATIO = 20.0
@@ -31,37 +31,37 @@ _FINGERS = tuple(name for names in FINGER_JOINTS.values() for name in names)
 _FAINT_BLUE = [0.62, 0.72, 0.82]
 
 
-def build_spec(scene: str = "flat", *, looks: bool = True) -> Any:
+def build_spec(scene: str = "flat", *, visuals: bool = True) -> Any:
     """Return the ``mujoco.MjSpec`` of robot, floor, lights and the named scene.
 
     Args:
         scene: its name.
-        looks: keep the shapes that only look (group 2). Without them physics is the same and a
-            seventh cheaper.
+        visuals: keep the visual geoms (group 2). Without them physics is the same and a seventh
+            cheaper.
 
     Raises:
-        SceneError: there is no such scene.
+        SceneError: the scene is unknown.
     """
     spec = mujoco.MjSpec.from_file(str(MJCF_PATH))
     _set_physics(spec)
     _add_floor(spec)
     _add_lights(spec)
     find_scene(scene).build(spec)
-    if not looks:
-        for geom in [geom for geom in spec.geoms if geom.group == LOOKS_GROUP]:
+    if not visuals:
+        for geom in [geom for geom in spec.geoms if geom.group == VISUAL_GROUP]:
             spec.delete(geom)
     return spec
 
 
-def build_model(scene: str = "flat", *, looks: bool = True) -> Any:
-    """Return the compiled ``mujoco.MjModel`` of :func:`build_spec`, the caller's own to change."""
-    return copy(_compiled(scene, looks))
+def build_model(scene: str = "flat", *, visuals: bool = True) -> Any:
+    """Return a new compiled ``mujoco.MjModel`` of :func:`build_spec`."""
+    return copy(_compiled(scene, visuals))
 
 
 @cache
-def _compiled(scene: str, looks: bool) -> Any:
+def _compiled(scene: str, visuals: bool) -> Any:
     """Compile once a process: meshes take a few tenths of a second."""
-    return build_spec(scene, looks=looks).compile()
+    return build_spec(scene, visuals=visuals).compile()
 
 
 def _set_physics(spec: Any) -> None:
@@ -70,7 +70,7 @@ def _set_physics(spec: Any) -> None:
     option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = IMPRATIO
-    # A diverged state must be seen and reported, not silently replaced by the initial one.
+    # A diverged state must be reported, not silently replaced by the initial one.
     option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
 
 
@@ -149,7 +149,7 @@ def _add_lights(spec: Any) -> None:
 
 @dataclass(frozen=True)
 class Addresses:
-    """Where the robot's quantities live in MuJoCo's vectors.
+    """Indices of the robot's quantities in MuJoCo's vectors.
 
     Attributes:
         qpos: (27,) indices of the joint positions in ``data.qpos``, canonical order.
@@ -159,7 +159,7 @@ class Addresses:
         torso: body id.
         floor: geom id.
         feet: (2,) geom ids; left, right.
-        scene: where the scene's joints begin in ``data.qpos``; they come last.
+        scene: index in ``data.qpos`` of the first of the scene's joints, which come last.
     """
 
     qpos: NDArray[np.intp]
@@ -173,7 +173,7 @@ class Addresses:
 
 
 def find_addresses(model: Any) -> Addresses:
-    """Look the robot up in a compiled model.
+    """Return the robot's indices in a compiled model.
 
     Raises:
         SceneError: the motors are not the model's first actuators in canonical order.

@@ -1,32 +1,37 @@
-"""Keeping robot time in step with the runner's clock."""
+"""Scheduling of physics steps and periodic outputs by the runner's clock."""
 
 from common.plant.config import PHYSICS_STEP_NS
 
 
 class Pace:
-    """Says how many physics steps are due, and gives up those that cannot be caught up.
+    """Computes how many physics steps are due, and drops those that cannot be caught up.
 
-    A short hiccup is made up by running a few steps at once; after a longer one robot time
-    falls behind the clock for good, rather than the robot rushing after it.
+    A short delay is made up by a few steps at once. After a longer one robot time stays behind the
+    clock, so that the robot does not move faster than real time.
 
     Attributes:
-        late_steps: physics steps given up so far.
+        late_steps: physics steps dropped so far.
     """
 
     def __init__(self, first_steps: int, catch_up_steps: int) -> None:
-        """Run ``first_steps`` at the first call and at most ``catch_up_steps`` at any other."""
+        """Set how many steps are due at the first call, and at most at any other.
+
+        Args:
+            first_steps: at the first call.
+            catch_up_steps: limit at later calls.
+        """
         self.late_steps = 0
         self._first_steps = first_steps
         self._catch_up_steps = catch_up_steps
         self._simulated_until_ns: int | None = None
 
     def due(self, now_ns: int) -> int:
-        """Return the number of steps to run now; ``now_ns`` is the runner's clock [ns]."""
+        """Return the number of steps to run at the runner's time ``now_ns`` [ns]."""
         if self._simulated_until_ns is None:
             self._simulated_until_ns = now_ns
             return self._first_steps
         behind_ns = now_ns - self._simulated_until_ns
-        # To the nearest step: with jittery calls, one each, not none now and two the next time.
+        # Rounded to the nearest step, so that jittery calls get one step each instead of 0 and 2.
         steps = max(0, (2 * behind_ns + PHYSICS_STEP_NS) // (2 * PHYSICS_STEP_NS))
         self._simulated_until_ns += steps * PHYSICS_STEP_NS
         run = min(steps, self._catch_up_steps)
@@ -34,20 +39,20 @@ class Pace:
         return run
 
     def skip(self, now_ns: int) -> None:
-        """Let the clock pass to ``now_ns`` without steps, as while paused."""
+        """Let the clock advance to ``now_ns`` without steps, as during a pause."""
         self._simulated_until_ns = now_ns
 
 
-class Every:
-    """True once per period of the runner's clock."""
+class RateTimer:
+    """Tells once per period of the runner's clock that an output is due."""
 
     def __init__(self, rate: int) -> None:
-        """``rate`` per second."""
+        """Set the rate [Hz]."""
         self._period_ns = 1_000_000_000 // rate
         self._next_ns: int | None = None
 
     def due(self, now_ns: int) -> bool:
-        """Whether a period has begun since the last True; the first call is True."""
+        """Return whether a period has begun since the last True; the first call is True."""
         if self._next_ns is None:
             self._next_ns = now_ns
         if now_ns < self._next_ns:

@@ -1,4 +1,4 @@
-"""The plant without a bus: robot, motors and guard in simulated physics, one millisecond a step."""
+"""The simulated robot without a bus: physics, motor servo and command guard, 1 ms a step."""
 
 import logging
 import math
@@ -6,7 +6,6 @@ from collections import deque
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.config import PHYSICS_STEP_NS
 from common.plant.fallback import damp_target, hold_target
@@ -14,25 +13,24 @@ from common.plant.guard import Guard
 from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
 from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
+from common.schemas.arrays import Float64Array as Array
 from services.sim.config import NoiseConfig, SimConfig
 from services.sim.errors import PlantDivergedError, TaskError
-from services.sim.model.contacts import Contact, contact_list, foot_normal_forces
-from services.sim.model.gripper import jaw_closure, jaw_command
+from services.sim.model.contacts import GeomContact, foot_normal_forces, geom_contacts
+from services.sim.model.robot_state import jaw_closure, jaw_command
 from services.sim.model.world import build_model, find_addresses
 from services.sim.physics.noise import add_noise
 from services.sim.physics.stance import standing_qpos, standing_torque
 from services.sim.tasks import find_task
 from services.sim.tasks.trial import SceneView, Trial
 
-Array = NDArray[np.float64]
-
 START_NS = 1_000_000_000
 """Robot time of the first state; positive, so that a stamp of 0 never is a measurement."""
 
 FALLEN_HEIGHT = 0.5
-"""A torso lower than this has fallen [m]."""
+"""Torso height below which the robot has fallen [m]."""
 FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
-"""A torso tilted further than this (cosine to the vertical) has fallen."""
+"""Cosine of the torso's tilt below which the robot has fallen."""
 
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
@@ -43,7 +41,7 @@ class Plant:
     """DRACO 3 in a scene, behind its motor servo and command guard.
 
     Attributes:
-        config: as given, with the scene and the noise of the task.
+        config: the given one, completed by the scene and the noise of the task.
         model: the ``mujoco.MjModel``.
         data: the ``mujoco.MjData``.
         guard: the command guard.
@@ -54,15 +52,15 @@ class Plant:
         fallen: whether the robot has fallen since the last reset.
         trial: of the configured task; None without one. Its clock starts with the first command
             that is applied after a reset.
-        view: where the scene's objects are.
-        command_ages: of the last 1024 applied commands, age of their state when applied [s].
+        view: reads the states of the scene's objects.
+        command_ages: ages of the state behind each of the last 1024 commands when applied [s].
     """
 
     def __init__(self, config: SimConfig | None = None) -> None:
         self.config = _with_task(config or SimConfig())
         # MuJoCo's own handler writes a log file into the working directory.
         mujoco.set_mju_user_warning(_log_warning)
-        self.model = build_model(self.config.scene, looks=False)
+        self.model = build_model(self.config.scene, visuals=False)
         self.data = mujoco.MjData(self.model)
         self.addresses = find_addresses(self.model)
         self.trial: Trial | None = None
@@ -84,7 +82,7 @@ class Plant:
         self._to_position[:, self.addresses.qpos] = JOINT_TO_MOTOR
         self._to_velocity = np.zeros((NUM_MOTORS, self.model.nv))
         self._to_velocity[:, self.addresses.qvel] = JOINT_TO_MOTOR
-        # Views on MuJoCo's own memory, which stays where it is.
+        # Views of MuJoCo's memory, which it never moves.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._motor_torque = self.data.ctrl[:NUM_MOTORS]
         self._torso_rotation = self.data.xmat[self.addresses.torso]
@@ -92,20 +90,20 @@ class Plant:
         self.now_ns = START_NS - PHYSICS_STEP_NS
         self.reset_count = -1
         self.reset()
-        self._sink_in()
+        self._settle_into_floor()
 
     def reset(self, seed: int | None = None) -> None:
-        """Stand the robot up again, still, guard silent; robot time goes on.
+        """Put the robot back to its start at rest, with a silent guard; robot time goes on.
 
         Args:
-            seed: of start pose and noise; None takes the configured seed plus the reset count.
+            seed: of start pose and noise; None: the configured seed plus the reset count.
         """
         self.reset_count += 1
         seed = self.config.seed + self.reset_count if seed is None else seed
         self._rng = np.random.default_rng(seed)
         mujoco.mj_resetData(self.model, self.data)
         self._qpos[:] = self._standing
-        self._place()
+        self._draw_start_pose()
         if self.trial is not None:
             self.trial.restart(seed)
         self._trial_from: int | None = None
@@ -123,8 +121,8 @@ class Plant:
         self.data.ctrl[self.addresses.grippers] = jaw_command(np.zeros(2))
         mujoco.mj_forward(self.model, self.data)
 
-    def _sink_in(self) -> None:
-        """Begin as deep in the compliant floor as a robot that has stood there for a while."""
+    def _settle_into_floor(self) -> None:
+        """Start as deep in the compliant floor as a robot that has stood for a while."""
         for _ in range(_SETTLING_STEPS):
             self.step()
         self._standing[2] = self._qpos[2]
@@ -132,8 +130,8 @@ class Plant:
         self.reset_count = -1
         self.reset()
 
-    def _place(self) -> None:
-        """Move the standing robot to a random place and heading, if the configuration says so."""
+    def _draw_start_pose(self) -> None:
+        """Draw position and heading within the configured spread."""
         spread, yaw_spread = self.config.start_position_spread, self.config.start_yaw_spread
         x, y = self._rng.uniform(-spread, spread, 2)
         half_yaw = 0.5 * self._rng.uniform(-yaw_spread, yaw_spread)
@@ -141,7 +139,7 @@ class Plant:
         self._qpos[3:7] = math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw)
 
     def offer(self, command: JointCommand) -> bool:
-        """Hand a command to the guard; whether it is now applied."""
+        """Pass a command through the guard and return whether it is applied."""
         if not self.guard.offer(command, self.now_ns):
             return False
         stamp = command.header.stamp
@@ -159,7 +157,7 @@ class Plant:
         return True
 
     def estop(self) -> None:
-        """Emergency stop: the motors only damp until the reset."""
+        """Stop in an emergency: the motors only damp until the guard is reset."""
         self.guard.estop()
 
     def push(self, force: Array, duration: float) -> None:
@@ -221,9 +219,9 @@ class Plant:
             self._target = damp_target(self.now_ns)
 
     def truth(self) -> PlantState:
-        """The state now, exact."""
+        """Return the exact state now."""
         addresses, qpos, qvel = self.addresses, self._qpos, self._qvel
-        # Not validated: MuJoCo gives no wrong shapes, and who receives it checks the numbers.
+        # Not validated: the shapes are MuJoCo's, and receivers check the numbers.
         return PlantState.model_construct(
             header=Header(stamp=self.now_ns),
             base_position=qpos[:3].copy(),
@@ -239,16 +237,16 @@ class Plant:
         )
 
     def measured(self) -> PlantState:
-        """The state now as the sensors report it: with the configured noise."""
+        """Return the state now with the configured sensor noise."""
         truth = self.truth()
         return truth if self._noiseless else add_noise(truth, self.config.noise, self._rng)
 
-    def contacts(self) -> list[Contact]:
-        """Touching pairs of geoms in the last physics step."""
-        return contact_list(self.model, self.data)
+    def contacts(self) -> list[GeomContact]:
+        """Return the contacts between geoms in the last physics step."""
+        return geom_contacts(self.model, self.data)
 
     def com(self) -> Array:
-        """(3,) centre of mass of the robot in world [m], as of the last physics step."""
+        """Return the robot's centre of mass (3,) in world after the last physics step [m]."""
         return np.array(self.data.subtree_com[self.addresses.torso])
 
     @property
@@ -261,7 +259,7 @@ def _with_task(config: SimConfig) -> SimConfig:
     """Return ``config`` with the scene of its task and, unless given, the noise of its task.
 
     Raises:
-        TaskError: there is no such task, or another scene was asked for besides.
+        TaskError: the task is unknown, or another scene is configured too.
     """
     if not config.task:
         return config
@@ -269,8 +267,8 @@ def _with_task(config: SimConfig) -> SimConfig:
     given = config.model_fields_set
     if "scene" in given and config.scene != task.scene:
         raise TaskError(
-            f"the task {task.name} takes place in the scene {task.scene!r}, but {config.scene!r} "
-            "was asked for; leave the scene out"
+            f"the task {task.name} needs the scene {task.scene!r}, got {config.scene!r}; leave the "
+            "scene out"
         )
     noise = config.noise if "noise" in given else task.noise
     return config.model_copy(update={"scene": task.scene, "noise": noise})

@@ -1,10 +1,9 @@
-"""The initial pose: both feet flat on the floor, torso upright, CoM over the feet."""
+"""Initial pose of the robot: feet flat on the floor, torso upright, CoM above the feet."""
 
 from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from common.plant.servo import JOINT_TO_MOTOR
 from common.robot.frames import BASE_JOINT, FOOT_FRAMES
@@ -15,10 +14,9 @@ from common.robot.joints import (
     MOTOR_TO_JOINT,
     NOMINAL_POSITION,
 )
+from common.schemas.arrays import Float64Array as Array
 from services.sim.errors import StandError
 from services.sim.model.world import Addresses
-
-Array = NDArray[np.float64]
 
 _TOLERANCE = 1e-6
 _ITERATIONS = 30
@@ -26,15 +24,15 @@ _STEP = 1e-6
 
 
 def standing_joints(knee: float, lean: float, spread: float) -> Array:
-    """(27,) nominal pose with other legs [rad]: feet flat, torso upright.
+    """Return nominal joint positions (27,) with these leg angles; the feet stay flat [rad].
 
-    The leg's pitches sum to zero (hip + 2 knee + ankle) and its rolls cancel, so soles stay
-    parallel to the torso's floor.
+    A leg's pitches sum to zero (hip + 2 knee + ankle) and its rolls cancel, so that the soles stay
+    level under an upright torso.
 
     Args:
-        knee: each knee half's angle.
-        lean: turns the straight line of the leg about the hip; moves the feet forward if negative.
-        spread: hip abduction, both legs outward if positive.
+        knee: angle of each half of the knee.
+        lean: rotation of the leg about the hip; a negative one moves the foot forward.
+        spread: hip abduction of both legs, outward if positive.
     """
     joints = NOMINAL_POSITION.copy()
     for side, outward in (("l", 1.0), ("r", -1.0)):
@@ -50,17 +48,17 @@ def standing_joints(knee: float, lean: float, spread: float) -> Array:
 def standing_qpos(model: Any, addresses: Addresses, com_height: float, width: float) -> Array:
     """Return ``qpos`` (nq,) standing at the origin, soles on z = 0, grippers open.
 
-    Three unknowns (knee, lean, spread) are found by Newton's method from CoM height above the
-    soles, CoM straight above the middle of the feet in x, and the distance between the feet.
+    Newton's method finds knee, lean and spread from three conditions: the CoM's height above the
+    soles, the CoM above the middle of the feet in x, and the distance between the feet.
 
     Args:
         model: the ``mujoco.MjModel``.
-        addresses: where the robot is in it.
+        addresses: of the robot in the model.
         com_height: CoM above the soles [m].
         width: between the soles' centres [m].
 
     Raises:
-        StandError: the legs are too short or too crooked for that.
+        StandError: the legs cannot do that.
     """
     data = mujoco.MjData(model)
     left, right = (data.site(FOOT_FRAMES[side]) for side in ("left", "right"))
@@ -103,10 +101,10 @@ def standing_qpos(model: Any, addresses: Addresses, com_height: float, width: fl
 
 
 def standing_torque(model: Any, addresses: Addresses, qpos: Array) -> Array:
-    """Return the (27,) joint torques [N·m] that hold ``qpos`` still on both feet.
+    """Return the joint torques (27,) that hold ``qpos`` at rest on both feet [N·m].
 
-    The feet carry the smallest wrenches (least squares) that balance the base; what remains of
-    gravity is the joints' share. A knee's two halves get the mean of theirs.
+    The contact wrenches are the smallest ones (least squares) that balance the base; the joints
+    carry the rest of gravity. The two halves of a knee get the mean of their torques.
     """
     data = mujoco.MjData(model)
     data.qpos[:] = qpos

@@ -1,1 +1,1 @@
-"""Off-screen pictures: the stereo cameras and the pictures of scenes and tasks."""
+"""Off-screen rendering: the stereo pair, and pictures of runs, scenes and tasks."""

@@ -20,7 +20,7 @@ from common.runtime.service import Inputs, Output, Service
 from common.schemas import CameraFrame, Header, PlantState, SceneState
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, TASK_SCENE
 from services.sim.config import validated
-from services.sim.model.pose import show_state
+from services.sim.model.robot_state import show_state
 from services.sim.model.world import FLOOR_GEOM, build_model, find_addresses
 from services.sim.rendering.offscreen import Image, Offscreen, fixed_camera
 from services.sim.scenes import SCENES
@@ -29,22 +29,20 @@ from services.sim.tasks import find_task
 
 _NICENESS = 10
 _LOG = logging.getLogger(__name__)
-DESCRIPTION = """The robot's eyes: renders the plant's ground truth as a stereo pair and publishes
-each picture somebody subscribes to. Needs EGL (libegl1); the plant runs without."""
+DESCRIPTION = """Render the plant's ground truth through the robot's stereo pair and publish each
+picture that has a subscriber. Needs EGL (libegl1); the plant runs without."""
 
 
 class CameraConfig(BaseModel):
-    """How the stereo pair is rendered."""
+    """Configuration of the stereo pair."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    scene: str = Field(
-        default="", description="what stands around the robot; empty: what the plant says"
-    )
-    task: str = Field(default="", description="the plant's task; its scene is implied")
+    scene: str = Field(default="", description="name of the surroundings; empty: the plant's")
+    task: str = Field(default="", description="the plant's task; it sets the scene")
     width: int = Field(default=400, ge=16, le=1920, description="[pixels]")
     height: int = Field(default=300, ge=16, le=1080, description="[pixels]")
-    rate: int = Field(default=20, ge=1, le=60, description="pictures per second and eye [Hz]")
+    rate: int = Field(default=20, ge=1, le=60, description="pictures per second and camera [Hz]")
     encoding: Literal["jpeg", "rgb8"] = Field(default="jpeg", description="of the pictures")
     quality: int = Field(default=90, ge=1, le=100, description="of JPEG")
 
@@ -53,10 +51,10 @@ _FIELDS = frozenset(CameraConfig.model_fields)
 
 
 class StereoRenderer:
-    """Draws what the robot's eyes see; upright, row 0 on top, the left eye on its left.
+    """Renders the robot's stereo pair: upright pictures, row 0 on top.
 
     Attributes:
-        scene: what it shows around the robot.
+        scene: name of the surroundings.
     """
 
     def __init__(self, config: CameraConfig) -> None:
@@ -66,24 +64,24 @@ class StereoRenderer:
         _simplify(self._model)
         self._data = mujoco.MjData(self._model)
         self._addresses = find_addresses(self._model)
-        self._eyes = {eye: fixed_camera(self._model, name) for eye, name in CAMERAS.items()}
+        self._cameras = {side: fixed_camera(self._model, name) for side, name in CAMERAS.items()}
         self._offscreen = Offscreen(self._model, config.width, config.height, plain=True)
 
     def render(
-        self, state: PlantState, eyes: Sequence[str], objects: SceneState | None = None
+        self, state: PlantState, cameras: Sequence[str], objects: SceneState | None = None
     ) -> list[Image]:
-        """Return (height, width, 3) RGB pictures, one per name in ``eyes``.
+        """Return (height, width, 3) RGB pictures, one per camera.
 
         Args:
             state: of the robot.
-            eyes: ``left``, ``right``.
-            objects: where the scene's things are; None leaves them where they were.
+            cameras: ``left``, ``right``.
+            objects: state of the scene; None: the scene stays as it is.
 
         Raises:
-            SceneError: ``objects`` are of another scene.
+            SceneError: ``objects`` belong to another scene.
         """
         show_state(self._model, self._data, self._addresses, state, objects)
-        return [self._offscreen.render(self._data, self._eyes[eye]) for eye in eyes]
+        return [self._offscreen.render(self._data, self._cameras[name]) for name in cameras]
 
     def close(self) -> None:
         """Free the OpenGL context."""
@@ -91,17 +89,17 @@ class StereoRenderer:
 
 
 def _simplify(model: Any) -> None:
-    """Trade looks for speed: with software OpenGL it is 15 instead of 350 ms a picture."""
+    """Trade quality for speed: with software OpenGL 15 instead of 350 ms a picture."""
     model.vis.quality.offsamples = 0
     model.vis.map.zfar = 50.0
     floor = model.geom(FLOOR_GEOM)
     floor.size[:] = 60.0, 60.0, 4.0
-    # Lighting is computed at the corners of the floor's coarse tiles: no spot fits in there.
+    # Lighting is computed at the corners of the floor's coarse tiles, too coarse for a spot light.
     model.light(KEY_LIGHT).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
 
 
 def encode(image: Image, encoding: str, quality: int) -> bytes:
-    """Return ``image`` (height, width, 3) RGB as a JPEG file or as row-major bytes."""
+    """Return an RGB image (height, width, 3) as a JPEG file or as row-major bytes."""
     if encoding == "rgb8":
         return image.tobytes()
     _, file = cv2.imencode(
@@ -111,12 +109,12 @@ def encode(image: Image, encoding: str, quality: int) -> bytes:
 
 
 class CameraService(Service):
-    """Publishes the eyes somebody looks through, from the latest ground truth."""
+    """Publishes the pictures that have a subscriber, from the latest ground truth."""
 
     name = "cameras"
     reads = (PLANT_TRUTH, TASK_SCENE)
     writes = (CAMERA_LEFT, CAMERA_RIGHT)
-    # Software rendering of both eyes takes up to 0.15 s, more on a machine that is busy.
+    # Software rendering of both cameras takes up to 0.15 s, more on a busy machine.
     heartbeat_timeout_s = 0.5
 
     def __init__(self, config: CameraConfig | None = None) -> None:
@@ -128,18 +126,18 @@ class CameraService(Service):
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build cameras to be replayed; only where the same OpenGL draws are they the same."""
+        """Build the cameras for a replay; pictures are the same only with the same OpenGL."""
         return cls(validated(CameraConfig, settings))
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
-        """Render the wanted eyes, if there is a new state."""
+        """Render the cameras that have a subscriber, if there is a new state."""
         del now_ns
         state = inputs.latest(PLANT_TRUTH)
         if state is None or not inputs.updated(PLANT_TRUTH):
             return []
         topics = {
-            eye: topic
-            for eye, topic in (("left", CAMERA_LEFT), ("right", CAMERA_RIGHT))
+            side: topic
+            for side, topic in (("left", CAMERA_LEFT), ("right", CAMERA_RIGHT))
             if self.wanted(topic)
         }
         objects = inputs.latest(TASK_SCENE)
@@ -147,16 +145,16 @@ class CameraService(Service):
             objects = self._follow(objects)
         images = self._renderer.render(state, list(topics), objects)
         return [
-            Output(topic, self._frame(eye, image, state.header.stamp))
-            for (eye, topic), image in zip(topics.items(), images, strict=True)
+            Output(topic, self._frame(side, image, state.header.stamp))
+            for (side, topic), image in zip(topics.items(), images, strict=True)
         ]
 
     def _follow(self, objects: SceneState) -> SceneState | None:
-        """Show the plant's scene, unless another one was asked for; the objects to show."""
+        """Switch to the plant's scene unless one is configured; returns the objects to show."""
         if self._config.scene or self._config.task:
             if not self._warned:
                 shown = self._renderer.scene
-                _LOG.warning("asked to show the scene %s, the plant is in %s", shown, objects.scene)
+                _LOG.warning("showing the scene %s, but the plant's is %s", shown, objects.scene)
             self._warned = True
             return None
         config = self._config.model_copy(update={"scene": objects.scene})
@@ -164,12 +162,12 @@ class CameraService(Service):
         self._renderer = StereoRenderer(config)
         return objects
 
-    def _frame(self, eye: str, image: Image, stamp_ns: int) -> CameraFrame:
+    def _frame(self, side: str, image: Image, stamp_ns: int) -> CameraFrame:
         height, width, _ = image.shape
         encoding, quality = self._config.encoding, self._config.quality
         return CameraFrame(
             header=Header(stamp=stamp_ns),
-            eye="left" if eye == "left" else "right",
+            eye="left" if side == "left" else "right",
             width=width,
             height=height,
             encoding=encoding,
@@ -184,13 +182,13 @@ class CameraService(Service):
 def _add_arguments(parser: ArgumentParser) -> None:
     parser.prog = "python -m services.sim.rendering.cameras"
     group = parser.add_argument_group("pictures", argument_default=SUPPRESS)
-    group.add_argument("--scene", choices=sorted(SCENES), help="the plant's scene (what it says)")
-    group.add_argument("--task", metavar="NAME", help="the plant's task; its scene is implied")
+    group.add_argument("--scene", choices=sorted(SCENES), help="surroundings (the plant's)")
+    group.add_argument("--task", metavar="NAME", help="the plant's task; it sets the scene")
     group.add_argument("--width", type=int, help="pixels (400)")
     group.add_argument("--height", type=int, help="pixels (300)")
-    group.add_argument("--rate", type=int, help="pictures per second and eye (20)")
-    group.add_argument("--encoding", choices=["jpeg", "rgb8"], help="of the pictures (jpeg)")
-    group.add_argument("--quality", type=int, help="of JPEG, 1 to 100 (90)")
+    group.add_argument("--rate", type=int, help="pictures per second and camera (20)")
+    group.add_argument("--encoding", choices=["jpeg", "rgb8"], help="picture encoding (jpeg)")
+    group.add_argument("--quality", type=int, help="JPEG quality, 1 to 100 (90)")
 
 
 def _build(arguments: Namespace) -> CameraService:

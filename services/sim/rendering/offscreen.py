@@ -1,4 +1,4 @@
-"""Off-screen rendering through EGL, with the one message a user without a GL library needs."""
+"""Off-screen rendering through EGL."""
 
 import sys
 from typing import Any
@@ -19,15 +19,15 @@ _HINT = (
 
 
 _SHADOW_NEAR = 0.005
-"""Near plane of pictures with shadows, in extents of the model; the light's own picture has the
-same, and with a farther one its shadows speckle the floor away from it."""
+"""Near plane of pictures with shadows, in extents of the model. The light's depth map has the same
+near plane; with a farther one its shadows speckle the floor."""
 
 
 class Offscreen:
-    """Renders one size of picture of one model.
+    """Renders pictures of one size of one model.
 
-    The context belongs to the thread that made it. MuJoCo's own renderer picks its GL library
-    from an environment variable read at import; this one always takes EGL, display or not.
+    The context belongs to the thread that created it. MuJoCo's own renderer picks its GL library
+    from an environment variable read at import; this one always uses EGL.
     """
 
     def __init__(
@@ -40,14 +40,14 @@ class Offscreen:
             width: [pixels].
             height: [pixels].
             plain: neither shadows nor reflections, for speed.
-            max_geoms: room for this many shapes.
+            max_geoms: largest number of geoms.
 
         Raises:
-            RenderingUnavailableError: there is no EGL, or it cannot open a context.
+            RenderingUnavailableError: EGL is missing or cannot open a context.
         """
         self._context: Any = None
         try:
-            # Importing it needs libEGL and opens the display, hence not at the top.
+            # The import needs libEGL and opens the display, hence not at the top.
             from mujoco.egl import GLContext
 
             self._gl = GLContext(width, height)
@@ -68,7 +68,7 @@ class Offscreen:
         self._buffer = np.empty((height, width, 3), dtype=np.uint8)
 
     def render(self, data: Any, camera: Any) -> Image:
-        """Return a fresh picture of ``data`` (after ``mj_kinematics``) through ``camera``."""
+        """Return a new picture of ``data`` (after ``mj_kinematics``) through ``camera``."""
         mujoco.mjv_updateScene(
             self._model,
             data,
@@ -86,8 +86,8 @@ class Offscreen:
     def close(self) -> None:
         """Free the context; a second call does nothing."""
         if self._context is not None:
-            # OpenGL names mean something only in their own context: freed while another renderer's
-            # is current, they would take that one's textures with them.
+            # OpenGL names are valid in their own context only: freed while another renderer's is
+            # current, they would delete that one's textures.
             self._gl.make_current()
             self._context.free()
             self._context = None
@@ -99,7 +99,7 @@ class Offscreen:
 
 
 def fixed_camera(model: Any, name: str) -> Any:
-    """Return the ``mujoco.MjvCamera`` that is the model's camera ``name``."""
+    """Return a ``mujoco.MjvCamera`` for the model's camera ``name``."""
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
     camera.fixedcamid = model.camera(name).id

@@ -1,31 +1,33 @@
-"""Pictures of a run: recorded states in, frames out."""
+"""Pictures of a run from recorded states, and the cameras that show the tasks best."""
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import mujoco
 import numpy as np
 
 from common.schemas import PlantState, SceneState
-from services.sim.model.pose import show_state
+from services.sim.model.robot_state import show_state
 from services.sim.model.world import build_model, find_addresses
 from services.sim.rendering.offscreen import Image, Offscreen, fixed_camera
+from services.sim.scenes import find_scene
 from services.sim.scenes.base import View
 
 
 @dataclass(frozen=True, slots=True)
 class FollowCamera:
-    """A third-person camera that walks along with the robot.
+    """A third-person camera that follows the robot.
 
     Attributes:
-        azimuth: where it looks, counter-clockwise from +x [deg]; 145 sees the robot's front left.
-        elevation: of its view [deg]; negative looks down.
+        azimuth: direction of view, counter-clockwise from +x [deg]; 145 sees the robot's front
+            left.
+        elevation: of the view [deg]; negative looks down.
         distance: to the robot [m].
         height: of the point it looks at [m].
         ahead: (x, y) in world from the robot to that point [m].
-        lag: time constant with which it follows [s]; steps do not shake the picture.
+        lag: time constant of following, so that steps do not shake the picture [s].
     """
 
     azimuth: float = 145.0
@@ -36,18 +38,41 @@ class FollowCamera:
     lag: float = 0.6
 
 
+TASK_VIEWS: Final[dict[str, View]] = {
+    "door/unlock": View((0.52, 0.20, 0.89), -50.0, -17.0, 1.35),
+    "door/walk": View((0.15, 0.10, 0.76), -60.0, -18.0, 2.5),
+    "door/push": View((0.85, 0.0, 0.74), -8.0, -30.0, 2.7),
+    "bench/hammer": View((0.45, -0.30, 0.92), 68.0, -25.0, 1.7),
+    "bench/walk": View((0.22, -0.45, 0.50), 35.0, -27.0, 3.8),
+    "bench/push": View((0.65, -0.65, 0.62), 35.0, -26.0, 3.0),
+    "hardware/tool": View((0.36, -0.08, 0.87), -150.0, -26.0, 1.2),
+    "hardware/cap": View((0.35, 0.0, 0.93), -140.0, -20.0, 0.95),
+}
+"""Cameras that show the tasks best."""
+
+
+def task_view(task: str, scene: str) -> View | FollowCamera:
+    """Return the camera of ``task``; without one, the first of its scene or one that follows.
+
+    Raises:
+        SceneError: the scene is unknown.
+    """
+    views = find_scene(scene).views
+    return TASK_VIEWS.get(task) or (views[0] if views else FollowCamera())
+
+
 class _Still:
-    """A camera that stays where it is, in the world or on the robot."""
+    """A camera that is fixed in the world or on the robot."""
 
     def __init__(self, camera: Any) -> None:
         self.camera = camera
 
-    def see(self, _state: PlantState) -> None:
-        """Nothing follows."""
+    def follow(self, _state: PlantState) -> None:
+        """Do nothing."""
 
 
 class _Follower:
-    """Moves a free camera after the robot."""
+    """A free camera that follows the robot."""
 
     def __init__(self, settings: FollowCamera) -> None:
         self._settings = settings
@@ -59,8 +84,8 @@ class _Follower:
         self.camera.distance = settings.distance
         self.camera.lookat[2] = settings.height
 
-    def see(self, state: PlantState) -> None:
-        """Follow to ``state``; at the first, and after time went back, jump there."""
+    def follow(self, state: PlantState) -> None:
+        """Follow to ``state``; jump at the first one and after time went back."""
         stamp = state.header.stamp
         share = 1.0
         if self._stamp_ns is not None and stamp >= self._stamp_ns:
@@ -94,19 +119,19 @@ def render_states(
     """Render one (height, width, 3) RGB frame per state, with shadows.
 
     Args:
-        states: what to show, in the order of time.
+        states: of the robot, in the order of time.
         width: at most 1920 [pixels].
         height: at most 1080 [pixels].
-        camera: one that follows or stays, or the name of one of the model's (``"left"``,
-            ``"right"``); None: one that follows.
-        scene: what stands around the robot.
-        objects: where the scene's things are, one for each state; None leaves them in place.
+        camera: a camera, or the name of one of the model's (``"left"``, ``"right"``); None: the
+            default camera that follows.
+        scene: name of the surroundings.
+        objects: states of the scene, one for each robot state; None: the scene does not move.
         fast: no shadows, reflections or smooth edges: with software OpenGL a tenth of the time.
 
     Raises:
-        RenderingUnavailableError: there is no off-screen OpenGL.
-        SceneError: there is no such scene, or ``objects`` are of another one.
-        ValueError: there are not as many ``objects`` as states.
+        RenderingUnavailableError: no off-screen OpenGL is available.
+        SceneError: the scene is unknown, or ``objects`` belong to another one.
+        ValueError: ``objects`` and states differ in number.
     """
     model = build_model(scene)
     data = mujoco.MjData(model)
@@ -117,9 +142,9 @@ def render_states(
     offscreen = Offscreen(model, width, height, plain=fast)
     try:
         pairs = zip(states, objects, strict=True) if objects else ((s, None) for s in states)
-        for state, things in pairs:
-            mover.see(state)
-            show_state(model, data, addresses, state, things)
+        for state, scene_state in pairs:
+            mover.follow(state)
+            show_state(model, data, addresses, state, scene_state)
             yield offscreen.render(data, mover.camera)
     finally:
         offscreen.close()

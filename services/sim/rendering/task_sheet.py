@@ -1,4 +1,4 @@
-"""What the tasks look like: a contact sheet of each scene, from outside and through the eyes."""
+"""Contact sheets of the scenes: pictures from outside and through the stereo pair."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,7 +10,7 @@ import numpy as np
 from common.robot.frames import CAMERAS
 from common.schemas import PlantState, SceneState
 from services.sim.config import SimConfig
-from services.sim.model.pose import show_state
+from services.sim.model.robot_state import show_state
 from services.sim.model.world import build_model, find_addresses
 from services.sim.physics.plant import Plant
 from services.sim.rendering.cameras import CameraConfig, StereoRenderer
@@ -23,18 +23,18 @@ from services.sim.tasks.registry import all_tasks
 PICTURE = (480, 360)
 """Width and height of one picture of a sheet [pixels]."""
 QUALITY = 82
-"""Of the JPEG files."""
+"""Quality of the JPEG files."""
 NECK = 0.45
-"""The head looks down on its hands, as an operator would have it [rad]."""
+"""Pitch of the head, which looks down at the hands [rad]."""
 
 
-def outside(
+def outside_pictures(
     scene: str, views: tuple[View, ...], state: PlantState, objects: SceneState
 ) -> list[Image]:
-    """Pictures of the start of a trial from cameras around it, with shadows.
+    """Return pictures of a state from cameras outside, with shadows.
 
     Raises:
-        RenderingUnavailableError: there is no off-screen OpenGL.
+        RenderingUnavailableError: no off-screen OpenGL is available.
     """
     model = build_model(scene)
     data = mujoco.MjData(model)
@@ -52,11 +52,11 @@ def outside(
     return pictures
 
 
-def through_the_eyes(scene: str, state: PlantState, objects: SceneState) -> list[Image]:
-    """What left and right eye see, just as they publish it.
+def stereo_pictures(scene: str, state: PlantState, objects: SceneState) -> list[Image]:
+    """Return the pictures of the left and the right camera as they are published.
 
     Raises:
-        RenderingUnavailableError: there is no off-screen OpenGL.
+        RenderingUnavailableError: no off-screen OpenGL is available.
     """
     renderer = StereoRenderer(CameraConfig(scene=scene))
     try:
@@ -71,21 +71,21 @@ def through_the_eyes(scene: str, state: PlantState, objects: SceneState) -> list
 
 
 def start_of(task: str, seed: int = 0) -> tuple[PlantState, SceneState]:
-    """Robot and scene at the start of a trial, the head looking down."""
+    """Return robot and scene at the start of a trial, with the head looking down."""
     plant = Plant(SimConfig(task=task, seed=seed))
     plant.data.joint("neck_pitch").qpos[:] = NECK
     return plant.truth(), plant.view.state(plant.now_ns, plant.reset_count)
 
 
 def scene_sheet(scene: str, task: str) -> Image:
-    """The scene as ``task`` starts in it: three views from outside, both eyes, the next task."""
+    """Return a scene's sheet: three views of the start of ``task``, both cameras, another task."""
     state, objects = start_of(task)
-    pictures = outside(scene, find_scene(scene).views, state, objects)
-    pictures += through_the_eyes(scene, state, objects)
+    pictures = outside_pictures(scene, find_scene(scene).views, state, objects)
+    pictures += stereo_pictures(scene, state, objects)
     others = [t.name for t in all_tasks().values() if t.scene == scene and t.name != task]
     last = others[0] if others else task
     state, objects = start_of(last, seed=1)
-    pictures += outside(scene, find_scene(scene).views[:1], state, objects)
+    pictures += outside_pictures(scene, find_scene(scene).views[:1], state, objects)
     return contact_sheet(pictures, columns=3)
 
 
@@ -95,19 +95,19 @@ SHOWN = {
     "tool": "hardware/tool",
     "cap": "hardware/cap",
 }
-"""The task at whose start a scene is shown."""
+"""Task whose start shows a scene."""
 
 
 def picture_name(scene: str) -> str:
-    """File name of a scene's sheet."""
+    """Return the file name of a scene's sheet."""
     return f"{scene}.jpg"
 
 
 def write_sheets(directory: Path) -> Iterator[Path]:
-    """Write ``<scene>.jpg`` for each scene that has a task, and yield its path when it is there.
+    """Write ``<scene>.jpg`` for each scene that has a task, and yield each path.
 
     Raises:
-        RenderingUnavailableError: there is no off-screen OpenGL.
+        RenderingUnavailableError: no off-screen OpenGL is available.
         OSError: the directory cannot be written.
     """
     directory.mkdir(parents=True, exist_ok=True)

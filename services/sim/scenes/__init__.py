@@ -1,13 +1,14 @@
-"""The scenes: one module each, registered here."""
+"""Registry of the scenes."""
 
 from services.sim.errors import SceneError
-from services.sim.scenes import bench, cap, door, flat, tool
+from services.sim.scenes import bench, cap, door, tool
 from services.sim.scenes.base import Scene
 
 __all__ = ["SCENES", "Scene", "find_scene"]
 
+FLAT = Scene(name="flat", doc="empty flat floor", build=lambda _spec: None)
 SCENES: dict[str, Scene] = {
-    scene.name: scene for scene in (flat.SCENE, door.SCENE, bench.SCENE, tool.SCENE, cap.SCENE)
+    scene.name: scene for scene in (FLAT, door.SCENE, bench.SCENE, tool.SCENE, cap.SCENE)
 }
 """Every scene by name."""
 
@@ -16,7 +17,7 @@ def find_scene(name: str) -> Scene:
     """Return the scene called ``name``.
 
     Raises:
-        SceneError: there is no such scene.
+        SceneError: the scene is unknown.
     """
     try:
         return SCENES[name]

@@ -1,4 +1,4 @@
-"""What a scene is, and the numbers its physics is made of."""
+"""Definition of a scene, its physical quantities and its cameras."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,13 +7,13 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """One physical number of a scene, with the reason it has this value.
+    """A physical quantity of a scene, with the reason for its value.
 
     Attributes:
-        what: thing and quantity, as people say it.
+        what: object and quantity.
         value: in ``unit``.
-        unit: SI.
-        why: where the number is from, or what asks for it.
+        unit: SI unit; empty: none.
+        why: source of the value, or the purpose it serves.
     """
 
     what: str
@@ -24,10 +24,10 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A camera outside: what it looks at and from where.
+    """A fixed camera outside the robot.
 
     Attributes:
-        target: (x, y, z) in world [m].
+        target: (x, y, z) that it looks at, in world [m].
         azimuth: direction of view, counter-clockwise from +x [deg].
         elevation: of the view [deg]; negative looks down.
         distance: to the target [m].
@@ -41,18 +41,18 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """What stands around the robot besides floor, sky and light.
+    """Surroundings of the robot besides floor, sky and light.
 
-    Geoms that can be touched are called ``<thing>.<part>``: contacts are told by the thing, with
-    blanks for underscores. All of them have names.
+    Every collision geom is named ``<object>.<part>``; contacts are reported by the object, with
+    blanks for underscores.
 
     Attributes:
-        name: as given in the configuration.
+        name: as in the configuration.
         doc: one line for ``--help``.
         build: adds bodies to the ``mujoco.MjSpec`` of robot and floor; the robot starts at the
-            world's origin and faces +x. Joints and actuators come after the robot's; shapes that
-            only look have group 2, no mass and no contacts.
-        physics: the masses, frictions and springs that ``build`` uses.
+            world's origin and faces +x. Joints and actuators come after the robot's. Visual geoms
+            have group 2, no mass and no contacts.
+        physics: masses, frictions and springs that ``build`` uses.
         views: three cameras for pictures.
     """
 

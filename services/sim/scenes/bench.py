@@ -14,10 +14,10 @@ from services.sim.scenes.cart import CART_QUANTITIES, add_cart
 from services.sim.scenes.parts import (
     add_materials,
     add_walls,
+    collision_geom,
     light_from,
-    look,
     set_mass,
-    solid,
+    visual_geom,
 )
 
 HAMMER: Final = "hammer"
@@ -62,7 +62,7 @@ def _build(spec: Any) -> None:
     add_materials(spec, _COLOURS)
     light_from(spec, (-1.3, 1.3, 3.4), (0.4, -0.3, 0.0))
     add_walls(spec, {"wall.back": ((0.05, 6.0, 1.6), (3.05, -0.6, 1.6))})
-    look(spec.worldbody, "box", (0.01, 6.0, 0.05), (2.99, -0.6, 0.05), "skirting")
+    visual_geom(spec.worldbody, "box", (0.01, 6.0, 0.05), (2.99, -0.6, 0.05), "skirting")
     _add_board(spec)
     _add_hanger(spec)
     _add_hammer(spec)
@@ -71,7 +71,7 @@ def _build(spec: Any) -> None:
 
 
 def _peg_texture() -> bytes:
-    """One tile of the board: warm wood colour with a dark hole in its middle."""
+    """Return one tile of the board: wood with a dark hole in its middle."""
     size = 64
     rows, columns = np.mgrid[0:size, 0:size] - 31.5
     radius = np.hypot(rows, columns)
@@ -94,32 +94,38 @@ def _add_board(spec: Any) -> None:
     # The texture lies in the geom's own x-y plane: its z has to look at the robot.
     facing = (0.5, -0.5, -0.5, 0.5)
     half, where = (half_y, half_z, 0.012), (x, centre_y, z)
-    solid(spec.worldbody, "board.panel", "box", half, where, "board", quat=facing)
+    collision_geom(spec.worldbody, "board.panel", "box", half, where, "board", quat=facing)
     for name, y in (("left", centre_y + half_y), ("right", centre_y - half_y)):
         post = (0.02, 0.02, 0.72)
-        solid(spec.worldbody, f"board.{name}_post", "box", post, (x + 0.01, y, 0.72), "board_edge")
+        collision_geom(
+            spec.worldbody, f"board.{name}_post", "box", post, (x + 0.01, y, 0.72), "board_edge"
+        )
         foot = (0.16, 0.025, 0.02)
-        solid(spec.worldbody, f"board.{name}_foot", "box", foot, (x + 0.13, y, 0.02), "board_edge")
+        collision_geom(
+            spec.worldbody, f"board.{name}_foot", "box", foot, (x + 0.13, y, 0.02), "board_edge"
+        )
     for height in (z + half_z, z - half_z):
         rail = (0.02, half_y + 0.02, 0.02)
-        look(spec.worldbody, "box", rail, (x + 0.01, centre_y, height), "board_edge")
+        visual_geom(spec.worldbody, "box", rail, (x + 0.01, centre_y, height), "board_edge")
     _decorate(spec.worldbody)
 
 
 def _decorate(world: Any) -> None:
-    """Tools that only hang there: a spanner, two screwdrivers, a square."""
+    """Add decoration: a spanner, two screwdrivers and a square."""
     front = BOARD_FRONT - 0.008
-    look(world, "box", (0.004, 0.012, 0.10), (front, 0.19, 1.10), "head")
+    visual_geom(world, "box", (0.004, 0.012, 0.10), (front, 0.19, 1.10), "head")
     for z in (1.00, 1.20):
-        look(world, "cylinder", (0.026, 0.005), (front, 0.19, z), "head", quat=_FACING)
+        visual_geom(world, "cylinder", (0.026, 0.005), (front, 0.19, z), "head", quat=_FACING)
     for y, colour in ((0.09, "grip"), (0.03, "cart")):
-        look(world, "capsule", (0.013, 0.045), (front - 0.008, y, 1.16), colour)
-        look(world, "capsule", (0.004, 0.05), (front - 0.008, y, 1.06), "head")
-    look(world, "box", (0.003, 0.008, 0.09), (front, 0.20, 0.82), "head")
-    look(world, "box", (0.006, 0.06, 0.016), (front, 0.16, 0.74), "board_edge")
+        visual_geom(world, "capsule", (0.013, 0.045), (front - 0.008, y, 1.16), colour)
+        visual_geom(world, "capsule", (0.004, 0.05), (front - 0.008, y, 1.06), "head")
+    visual_geom(world, "box", (0.003, 0.008, 0.09), (front, 0.20, 0.82), "head")
+    visual_geom(world, "box", (0.006, 0.06, 0.016), (front, 0.16, 0.74), "board_edge")
     # White outline where the hammer belongs.
-    look(world, "box", (0.001, 0.075, 0.03), (front + 0.006, HANGER[1], HAMMER_REST), "shadow")
-    look(
+    visual_geom(
+        world, "box", (0.001, 0.075, 0.03), (front + 0.006, HANGER[1], HAMMER_REST), "shadow"
+    )
+    visual_geom(
         world, "box", (0.001, 0.026, 0.13), (front + 0.006, HANGER[1], HAMMER_REST - 0.15), "shadow"
     )
 
@@ -143,16 +149,18 @@ def _add_hanger(spec: Any) -> None:
 
 
 def _add_hammer(spec: Any) -> None:
-    """The hammer's frame is in the middle of its head; the handle points down."""
+    """Add the hammer; its frame is in the middle of its head, the handle points down."""
     hammer = spec.worldbody.add_body(name=HAMMER, pos=[*HANGER, HAMMER_REST])
     hammer.add_joint(name=HAMMER_JOINT, type=mujoco.mjtJoint.mjJNT_FREE, damping=[0.0005, 0.0, 0.0])
     grip = {"friction": (HAMMER_GRIP.value, 0.005, 0.0001)}
     handle_z = -_HEAD_HALF[2] - _HANDLE_HALF[2]
-    solid(hammer, "hammer.head", "box", _HEAD_HALF, (0.0, 0.0, 0.0), "head", **grip)
-    solid(hammer, "hammer.handle", "box", _HANDLE_HALF, (0.0, 0.0, handle_z), "grip", **grip)
-    look(hammer, "cylinder", (0.027, 0.012), (0.0, 0.062, 0.0), "head", quat=_ALONG_Y)
-    look(hammer, "box", (0.0185, 0.0205, 0.012), (0.0, 0.0, handle_z - 0.114), "grip_end")
-    look(hammer, "box", (0.0185, 0.0205, 0.004), (0.0, 0.0, handle_z + 0.08), "grip_end")
+    collision_geom(hammer, "hammer.head", "box", _HEAD_HALF, (0.0, 0.0, 0.0), "head", **grip)
+    collision_geom(
+        hammer, "hammer.handle", "box", _HANDLE_HALF, (0.0, 0.0, handle_z), "grip", **grip
+    )
+    visual_geom(hammer, "cylinder", (0.027, 0.012), (0.0, 0.062, 0.0), "head", quat=_ALONG_Y)
+    visual_geom(hammer, "box", (0.0185, 0.0205, 0.012), (0.0, 0.0, handle_z - 0.114), "grip_end")
+    visual_geom(hammer, "box", (0.0185, 0.0205, 0.004), (0.0, 0.0, handle_z + 0.08), "grip_end")
     hammer.add_site(name="hammer_grip", pos=[0.0, 0.0, -GRIP_BELOW], size=[0.005] * 3, group=4)
     head, handle = HAMMER_HEAD.value, HAMMER_HANDLE.value
     mass = head + handle
@@ -174,13 +182,13 @@ _ALONG_Y = (0.70710678, 0.70710678, 0.0, 0.0)
 
 
 def _add_goal_mark(spec: Any) -> None:
-    """Corners painted on the floor where the pushed trolley belongs."""
+    """Add corner marks on the floor at the trolley's goal."""
     for along in (-1.0, 1.0):
         for across in (-1.0, 1.0):
             x, y = PUSH_GOAL[0] + 0.36 * along, PUSH_GOAL[1] + 0.36 * across
             for half, dx, dy in (((0.09, 0.02), 0.07, 0.0), ((0.02, 0.09), 0.0, 0.07)):
                 where = (x - dx * along, y - dy * across, 0.001)
-                look(spec.worldbody, "box", (*half, 0.001), where, "mark")
+                visual_geom(spec.worldbody, "box", (*half, 0.001), where, "mark")
 
 
 SCENE = Scene(

@@ -1,7 +1,7 @@
 """A spray can on a stand; its cap holds by friction and comes off by hand.
 
-Four ribs inside the cap press on the can's neck, as in real caps: the interference is elastic, the
-hold is friction, and what is off is off.
+Four ribs inside the cap press on the can's neck, as in real caps: the interference is elastic, and
+friction holds the cap.
 """
 
 import math
@@ -14,10 +14,10 @@ from services.sim.scenes.furniture import FURNITURE_COLOURS, TABLE_QUANTITIES, T
 from services.sim.scenes.parts import (
     add_materials,
     add_walls,
+    collision_geom,
     light_from,
-    look,
     set_mass,
-    solid,
+    visual_geom,
 )
 
 CAN: Final = "can"
@@ -65,30 +65,34 @@ def _build(spec: Any) -> None:
     add_materials(spec, _COLOURS)
     light_from(spec, (-1.1, 1.2, 3.3), (0.5, 0.0, 0.0))
     add_walls(spec, {"wall.back": ((0.05, 6.0, 1.6), (2.4, 0.0, 1.6))})
-    look(spec.worldbody, "box", (0.01, 6.0, 0.05), (2.34, 0.0, 0.05), "skirting")
+    visual_geom(spec.worldbody, "box", (0.01, 6.0, 0.05), (2.34, 0.0, 0.05), "skirting")
     add_table(spec)
     where = (*CAN_PLACE, TABLE_TOP + 0.5 * STAND_HEIGHT)
-    solid(spec.worldbody, "stand.block", "cylinder", (0.05, 0.5 * STAND_HEIGHT), where, "stand")
+    collision_geom(
+        spec.worldbody, "stand.block", "cylinder", (0.05, 0.5 * STAND_HEIGHT), where, "stand"
+    )
     _add_can(spec)
     _add_cap(spec)
 
 
 def _add_can(spec: Any) -> None:
-    """The can's frame is in the middle of its underside."""
+    """Add the can; its frame is in the middle of its underside."""
     can = spec.worldbody.add_body(name=CAN, pos=[*CAN_PLACE, CAN_REST])
     can.add_joint(name=CAN_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     half = 0.5 * CAN_HEIGHT
     grip = (CAN_GRIP.value, 0.005, 0.0001)
-    solid(can, "can.body", "cylinder", (_RADIUS, half), (0.0, 0.0, half), "can", friction=grip)
+    collision_geom(
+        can, "can.body", "cylinder", (_RADIUS, half), (0.0, 0.0, half), "can", friction=grip
+    )
     neck = (0.0, 0.0, CAN_HEIGHT + _NECK_HALF)
-    solid(
+    collision_geom(
         can, "can.neck", "cylinder", (_NECK, _NECK_HALF), neck, "can_metal", **_fit(), friction=grip
     )
-    look(can, "cylinder", (_RADIUS + 0.0004, 0.030), (0.0, 0.0, 0.085), "label")
-    look(can, "cylinder", (_RADIUS + 0.0006, 0.006), (0.0, 0.0, 0.085), "cap_band")
+    visual_geom(can, "cylinder", (_RADIUS + 0.0004, 0.030), (0.0, 0.0, 0.085), "label")
+    visual_geom(can, "cylinder", (_RADIUS + 0.0006, 0.006), (0.0, 0.0, 0.085), "cap_band")
     for z in (0.003, CAN_HEIGHT - 0.003):
-        look(can, "cylinder", (_RADIUS + 0.0008, 0.003), (0.0, 0.0, z), "can_metal")
-    look(can, "cylinder", (0.006, 0.006), (0.0, 0.0, CAN_HEIGHT + 0.03), "label")
+        visual_geom(can, "cylinder", (_RADIUS + 0.0008, 0.003), (0.0, 0.0, z), "can_metal")
+    visual_geom(can, "cylinder", (0.006, 0.006), (0.0, 0.0, CAN_HEIGHT + 0.03), "label")
     can.add_site(name="can_grip", pos=[0.0, 0.0, CAN_GRIP_HEIGHT], size=[0.005] * 3, group=4)
     mass = CAN_MASS.value
     across = mass * (3 * _RADIUS**2 + CAN_HEIGHT**2) / 12.0
@@ -96,22 +100,24 @@ def _add_can(spec: Any) -> None:
 
 
 def _add_cap(spec: Any) -> None:
-    """The cap's frame is in the middle of its lower edge, on the can's shoulder."""
+    """Add the cap; its frame is in the middle of its lower edge, on the can's shoulder."""
     cap = spec.worldbody.add_body(name=CAP, pos=[*CAN_PLACE, CAN_REST + CAN_HEIGHT])
     cap.add_joint(name=CAP_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     grip = (CAN_GRIP.value, 0.005, 0.0001)
     # From outside the cap is a full cylinder; the neck does not feel it, only the ribs.
     shell = (_CAP_RADIUS, _CAP_HALF)
-    solid(cap, "cap.shell", "cylinder", shell, (0.0, 0.0, _CAP_HALF), "cap", friction=grip)
+    collision_geom(cap, "cap.shell", "cylinder", shell, (0.0, 0.0, _CAP_HALF), "cap", friction=grip)
     ring = _NECK + _RIB - CAP_RIB.value
     for index in range(4):
         angle = 0.25 * math.pi + 0.5 * math.pi * index
         where = (ring * math.cos(angle), ring * math.sin(angle), _RIB_Z)
-        rib = solid(cap, f"cap.rib{index}", "sphere", (_RIB,), where, "cap", **_fit())
+        rib = collision_geom(cap, f"cap.rib{index}", "sphere", (_RIB,), where, "cap", **_fit())
         rib.friction[0] = CAP_FRICTION.value
         rib.priority = 1
-    look(cap, "cylinder", (_CAP_RADIUS + 0.0006, 0.004), (0.0, 0.0, 0.006), "cap_band")
-    look(cap, "cylinder", (_CAP_RADIUS - 0.003, 0.003), (0.0, 0.0, 2 * _CAP_HALF), "cap_band")
+    visual_geom(cap, "cylinder", (_CAP_RADIUS + 0.0006, 0.004), (0.0, 0.0, 0.006), "cap_band")
+    visual_geom(
+        cap, "cylinder", (_CAP_RADIUS - 0.003, 0.003), (0.0, 0.0, 2 * _CAP_HALF), "cap_band"
+    )
     cap.add_site(name="cap_grip", pos=[0.0, 0.0, _CAP_HALF], size=[0.005] * 3, group=4)
     mass = CAP_MASS.value
     across = mass * (3 * _CAP_RADIUS**2 + (2 * _CAP_HALF) ** 2) / 12.0

@@ -1,11 +1,17 @@
-"""The trolley of the workbench: drawers, a tray with a rim, a push bar; it moves in the plane."""
+"""The trolley of the workbench: drawers, a tray with a rim and a push bar, moving in the plane."""
 
 from typing import Any, Final
 
 import mujoco
 
 from services.sim.scenes.base import Quantity
-from services.sim.scenes.parts import add_materials, box_inertia, look, set_mass, solid
+from services.sim.scenes.parts import (
+    add_materials,
+    box_inertia,
+    collision_geom,
+    set_mass,
+    visual_geom,
+)
 
 CART: Final = "cart"
 CART_JOINTS: Final = ("cart_x", "cart_y", "cart_yaw")
@@ -52,7 +58,7 @@ _BODY_LOW = 0.15
 
 
 def add_cart(spec: Any) -> None:
-    """Add the trolley, its push bar towards -x; its joints are its place in the world."""
+    """Add the trolley with its push bar towards -x; its joints are its pose in the world."""
     add_materials(spec, _COLOURS)
     cart = spec.worldbody.add_body(name=CART, pos=[*PARKED, 0.0])
     frictions = (ROLLING_FRICTION, SIDE_FRICTION, TURN_FRICTION)
@@ -82,19 +88,19 @@ def add_cart(spec: Any) -> None:
 
 def _add_body(cart: Any) -> None:
     half = 0.5 * (TRAY_HEIGHT - 0.012 - _BODY_LOW)
-    solid(cart, "cart.body", "box", (0.3, 0.3, half), (0.0, 0.0, _BODY_LOW + half), "cart")
+    collision_geom(cart, "cart.body", "box", (0.3, 0.3, half), (0.0, 0.0, _BODY_LOW + half), "cart")
     for face in (-1.0, 1.0):
         for row, z in enumerate((0.24, 0.37, 0.485, 0.585)):
             height = (0.062, 0.055, 0.046, 0.04)[row]
-            look(cart, "box", (0.006, 0.275, height), (0.3 * face, 0.0, z), "drawer")
+            visual_geom(cart, "box", (0.006, 0.275, height), (0.3 * face, 0.0, z), "drawer")
             pull = (0.309 * face, 0.0, z + height - 0.016)
-            look(cart, "box", (0.006, 0.20, 0.006), pull, "trim")
+            visual_geom(cart, "box", (0.006, 0.20, 0.006), pull, "trim")
         for side in (-1.0, 1.0):
             wheel = (0.24 * face, 0.25 * side, 0.06)
-            look(cart, "cylinder", (0.06, 0.022), wheel, "tyre", quat=_ALONG_Y)
-            look(cart, "cylinder", (0.028, 0.024), wheel, "trim", quat=_ALONG_Y)
+            visual_geom(cart, "cylinder", (0.06, 0.022), wheel, "tyre", quat=_ALONG_Y)
+            visual_geom(cart, "cylinder", (0.028, 0.024), wheel, "trim", quat=_ALONG_Y)
             fork = (0.24 * face, 0.25 * side, 0.125)
-            look(cart, "box", (0.02, 0.03, 0.025), fork, "trim")
+            visual_geom(cart, "box", (0.02, 0.03, 0.025), fork, "trim")
 
 
 _ALONG_Y = (0.70710678, 0.70710678, 0.0, 0.0)
@@ -103,7 +109,9 @@ _ALONG_Y = (0.70710678, 0.70710678, 0.0, 0.0)
 def _add_tray(cart: Any) -> None:
     grip = {"friction": (CART_GRIP.value, 0.01, 0.001)}
     floor = (TRAY_HALF, TRAY_HALF, 0.006)
-    solid(cart, "cart_tray.mat", "box", floor, (0.0, 0.0, TRAY_HEIGHT - 0.006), "mat", **grip)
+    collision_geom(
+        cart, "cart_tray.mat", "box", floor, (0.0, 0.0, TRAY_HEIGHT - 0.006), "mat", **grip
+    )
     half = 0.5 * (RIM_HEIGHT - TRAY_HEIGHT + 0.012)
     z = RIM_HEIGHT - half
     for name, x, y, size in (
@@ -112,17 +120,19 @@ def _add_tray(cart: Any) -> None:
         ("left", 0.0, 0.29, (0.28, 0.01, half)),
         ("right", 0.0, -0.29, (0.28, 0.01, half)),
     ):
-        solid(cart, f"cart_tray.{name}", "box", size, (x, y, z), "cart", **grip)
+        collision_geom(cart, f"cart_tray.{name}", "box", size, (x, y, z), "cart", **grip)
 
 
 def _add_bar(cart: Any) -> None:
     grip = {"friction": (CART_GRIP.value, 0.01, 0.001)}
     where = (-BAR_OFFSET, 0.0, TRAY_HEIGHT)
-    solid(cart, "cart_bar.grip", "cylinder", (0.02, 0.3), where, "bar", quat=_ALONG_Y, **grip)
+    collision_geom(
+        cart, "cart_bar.grip", "cylinder", (0.02, 0.3), where, "bar", quat=_ALONG_Y, **grip
+    )
     for name, y in (("left", 0.285), ("right", -0.285)):
         arm = (-0.5 * (0.3 + BAR_OFFSET), y, TRAY_HEIGHT)
-        solid(cart, f"cart_bar.{name}_arm", "box", (0.06, 0.01, 0.014), arm, "trim")
-        look(
+        collision_geom(cart, f"cart_bar.{name}_arm", "box", (0.06, 0.01, 0.014), arm, "trim")
+        visual_geom(
             cart,
             "cylinder",
             (0.024, 0.012),

@@ -15,10 +15,10 @@ from services.sim.scenes.parts import (
     add_materials,
     add_walls,
     box_inertia,
+    collision_geom,
     light_from,
-    look,
     set_mass,
-    solid,
+    visual_geom,
 )
 
 HINGE_JOINT: Final = "door_hinge"
@@ -69,10 +69,10 @@ _LEAF_HALF = (0.025, 0.485, 0.98)
 _BOLT_HALF = (0.012, 0.0225, 0.015)
 _FRAME: Final[dict[str, Any]] = {"contype": 4, "conaffinity": 1}
 _LEAF: Final[dict[str, Any]] = {"contype": 8, "conaffinity": 1}
-"""The robot (all of bit 1) meets frame and leaf, which do not meet each other: hinge and stop are
-the joint's."""
+"""Contact bits: the robot (bit 1) collides with frame and leaf, which do not collide with each
+other, for the joint is their hinge and stop."""
 _BOLT_BIT = 2
-"""Only bolt and strike meet each other; the bolt must not rub in its own case."""
+"""Contact bit of bolt and strike, so that the bolt does not collide with the leaf around it."""
 _STRIKE_FACE = 0.4925
 _COLOURS = {
     "wall": (0.80, 0.755, 0.68, 0.05),
@@ -108,20 +108,22 @@ def _add_surroundings(spec: Any) -> None:
     )
     world = spec.worldbody
     for side, y in (("left", OPENING + 0.035), ("right", -OPENING - 0.035)):
-        solid(
+        collision_geom(
             world, f"jamb.{side}", "box", (0.075, 0.035, 1.0), (DOOR_X, y, 1.0), "frame", **_FRAME
         )
         for front in (-1.0, 1.0):
             where = (DOOR_X + 0.062 * front, y + 1.053 * (1 if y > 0 else -1), 0.05)
-            look(world, "box", (0.013, 0.995, 0.05), where, "skirting")
-    solid(world, "jamb.head", "box", (0.075, 0.57, 0.035), (DOOR_X, 0.0, 2.035), "frame", **_FRAME)
+            visual_geom(world, "box", (0.013, 0.995, 0.05), where, "skirting")
+    collision_geom(
+        world, "jamb.head", "box", (0.075, 0.57, 0.035), (DOOR_X, 0.0, 2.035), "frame", **_FRAME
+    )
     # The strip the closed leaf rests against, on the robot's side: seen, and behind the joint stop.
-    look(world, "box", (0.012, 0.012, 1.0), (DOOR_X - 0.045, 0.49, 1.0), "frame")
-    look(world, "box", (0.012, 0.012, 1.0), (DOOR_X - 0.045, -0.49, 1.0), "frame")
+    visual_geom(world, "box", (0.012, 0.012, 1.0), (DOOR_X - 0.045, 0.49, 1.0), "frame")
+    visual_geom(world, "box", (0.012, 0.012, 1.0), (DOOR_X - 0.045, -0.49, 1.0), "frame")
 
 
 def _add_leaf(spec: Any) -> Any:
-    """The leaf's body frame is on the hinge axis at the floor."""
+    """Add the leaf; its frame is on the hinge axis at the floor."""
     leaf = spec.worldbody.add_body(name="leaf", pos=[DOOR_X, -OPENING, 0.0])
     leaf.add_joint(
         name=HINGE_JOINT,
@@ -135,22 +137,22 @@ def _add_leaf(spec: Any) -> Any:
     centre = (0.0, OPENING, 1.0)
     set_mass(leaf, LEAF_MASS.value, box_inertia(LEAF_MASS.value, _LEAF_HALF), centre)
     grip = (LEAF_GRIP.value, 0.005, 0.0001)
-    solid(leaf, "leaf.board", "box", _LEAF_HALF, centre, "leaf", friction=grip, **_LEAF)
+    collision_geom(leaf, "leaf.board", "box", _LEAF_HALF, centre, "leaf", friction=grip, **_LEAF)
     for face in (-1.0, 1.0):
         _decorate(leaf, face)
     for height in (0.25, 1.0, 1.75):
-        look(leaf, "cylinder", (0.012, 0.05), (0.03, 0.008, height), "brass")
+        visual_geom(leaf, "cylinder", (0.012, 0.05), (0.03, 0.008, height), "brass")
     return leaf
 
 
 def _decorate(leaf: Any, face: float) -> None:
-    """Four panels and a kick plate on one face; ``face``: -1 the robot's, 1 the other."""
+    """Add four panels and a kick plate; ``face`` is -1 for the robot's side, 1 for the other."""
     x = face * (_LEAF_HALF[0] + 0.001)
     for y in (-0.22, 0.22):
         for z, half in ((0.52, 0.26), (1.47, 0.39)):
-            look(leaf, "box", (0.002, 0.175, half), (x, OPENING + y, z), "leaf_groove")
-            look(leaf, "box", (0.004, 0.155, half - 0.02), (x, OPENING + y, z), "leaf_panel")
-    look(leaf, "box", (0.002, 0.46, 0.08), (x, OPENING, 0.12), "brass")
+            visual_geom(leaf, "box", (0.002, 0.175, half), (x, OPENING + y, z), "leaf_groove")
+            visual_geom(leaf, "box", (0.004, 0.155, half - 0.02), (x, OPENING + y, z), "leaf_panel")
+    visual_geom(leaf, "box", (0.002, 0.46, 0.08), (x, OPENING, 0.12), "brass")
 
 
 def _add_lever(leaf: Any) -> None:
@@ -171,7 +173,7 @@ def _add_lever(leaf: Any) -> None:
     lever.add_site(name="lever_grip", pos=[-0.1, -0.13, 0.014], size=[0.005] * 3, group=4)
     grip = (LEAF_GRIP.value, 0.005, 0.0001)
     for name, face in (("front", -1.0), ("back", 1.0)):
-        solid(
+        collision_geom(
             lever,
             f"lever.{name}",
             "box",
@@ -181,16 +183,20 @@ def _add_lever(leaf: Any) -> None:
             friction=grip,
             **_LEAF,
         )
-        look(lever, "cylinder", (0.0165, 0.014), (0.1 * face, 0.0, 0.0), "steel", quat=_ALONG_X)
-        look(lever, "cylinder", (0.014, 0.018), (0.1 * face, -0.17, 0.0), "steel", quat=_ALONG_X)
+        visual_geom(
+            lever, "cylinder", (0.0165, 0.014), (0.1 * face, 0.0, 0.0), "steel", quat=_ALONG_X
+        )
+        visual_geom(
+            lever, "cylinder", (0.014, 0.018), (0.1 * face, -0.17, 0.0), "steel", quat=_ALONG_X
+        )
         spindle = (0.0125, 0.04)
-        solid(
+        collision_geom(
             lever, f"lever.{name}_neck", "cylinder", spindle, (0.062 * face, 0.0, 0.0), "steel",
             quat=_ALONG_X, **_LEAF,
         )  # fmt: skip
         rose = (0.028 * face, OPENING + LEVER_Y, LEVER_HEIGHT)
-        look(leaf, "box", (0.004, 0.03, 0.11), (rose[0], rose[1], rose[2] - 0.05), "brass")
-        look(leaf, "cylinder", (0.026, 0.006), rose, "brass", quat=_ALONG_X)
+        visual_geom(leaf, "box", (0.004, 0.03, 0.11), (rose[0], rose[1], rose[2] - 0.05), "brass")
+        visual_geom(leaf, "cylinder", (0.026, 0.006), rose, "brass", quat=_ALONG_X)
 
 
 _ALONG_X = (0.70710678, 0.0, 0.70710678, 0.0)
@@ -206,7 +212,7 @@ _SLIDING_STEEL: Final[dict[str, Any]] = {
 
 
 _STRIKE: Final = {**_SLIDING_STEEL, "conaffinity": _BOLT_BIT | 1}
-"""The strike meets the robot too."""
+"""The strike collides with the robot too."""
 
 
 def _add_latch(spec: Any, leaf: Any) -> None:
@@ -223,11 +229,13 @@ def _add_latch(spec: Any, leaf: Any) -> None:
         armature=0.05,
     )
     set_mass(bolt, LATCH_MASS.value, box_inertia(LATCH_MASS.value, _BOLT_HALF))
-    solid(bolt, "latch.bolt", "box", _BOLT_HALF, (0.0, 0.0, 0.0), "steel", **_SLIDING_STEEL)
+    collision_geom(
+        bolt, "latch.bolt", "box", _BOLT_HALF, (0.0, 0.0, 0.0), "steel", **_SLIDING_STEEL
+    )
     x = DOOR_X + _BOLT_HALF[0] + 0.002 + 0.015
     half = (0.015, 0.02, 0.05)
     where = (x, _STRIKE_FACE + half[1], LEVER_HEIGHT)
-    solid(spec.worldbody, "strike.plate", "box", half, where, "brass", **_STRIKE)
+    collision_geom(spec.worldbody, "strike.plate", "box", half, where, "brass", **_STRIKE)
     equality = spec.add_equality(
         type=mujoco.mjtEq.mjEQ_JOINT,
         name1=LATCH_JOINT,

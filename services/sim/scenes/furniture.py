@@ -1,9 +1,9 @@
-"""The table on which the hardware tasks' objects stand."""
+"""The table under the objects of the hardware tasks."""
 
 from typing import Any, Final
 
 from services.sim.scenes.base import Quantity
-from services.sim.scenes.parts import look, solid
+from services.sim.scenes.parts import collision_geom, visual_geom
 
 TABLE_TOP: Final = 0.74
 """Height of the table's surface [m]: 8 cm below the standing robot's torso frame."""
@@ -29,10 +29,10 @@ def add_table(spec: Any) -> None:
     x = TABLE_EDGE + half[0]
     friction = (TABLE_GRIP.value, 0.005, 0.0001)
     top = (x, 0.0, TABLE_TOP - half[2])
-    solid(world, "table.top", "box", half, top, "table", friction=friction)
-    look(world, "box", (0.2275, 0.6025, 0.008), (x, 0.0, TABLE_TOP - 0.02), "table_edge")
-    look(world, "box", (0.18, 0.50, 0.0005), (x, 0.0, TABLE_TOP), "cloth")
+    collision_geom(world, "table.top", "box", half, top, "table", friction=friction)
+    visual_geom(world, "box", (0.2275, 0.6025, 0.008), (x, 0.0, TABLE_TOP - 0.02), "table_edge")
+    visual_geom(world, "box", (0.18, 0.50, 0.0005), (x, 0.0, TABLE_TOP), "cloth")
     for index, (along, across) in enumerate(((-1, -1), (-1, 1), (1, -1), (1, 1))):
         leg = (0.02, 0.02, 0.5 * TABLE_TOP - 0.015)
         where = (x + 0.19 * along, 0.56 * across, leg[2])
-        solid(world, f"table.leg{index}", "box", leg, where, "leg")
+        collision_geom(world, f"table.leg{index}", "box", leg, where, "leg")

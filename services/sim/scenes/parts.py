@@ -1,16 +1,16 @@
-"""Building blocks of the scenes: what can be touched, what only looks, and materials."""
+"""Building blocks of the scenes: collision geoms, visual geoms, materials, masses and lights."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import mujoco
 
-LOOKS_GROUP = 2
-"""Geoms of this group have neither mass nor contacts: they only look."""
+COLLISION_GROUP = 1
+"""Group of visible geoms with contacts; bodies get their masses explicitly."""
+VISUAL_GROUP = 2
+"""Group of geoms without mass and contacts."""
 KEY_LIGHT = "key"
-"""The light that casts shadows."""
-SOLID_GROUP = 1
-"""Visible geoms that can be touched; bodies get their masses explicitly."""
+"""Name of the light that casts shadows."""
 
 _SHAPES = {
     "box": mujoco.mjtGeom.mjGEOM_BOX,
@@ -37,7 +37,7 @@ def add_materials(spec: Any, colours: Mapping[str, Numbers]) -> None:
         )
 
 
-def solid(
+def collision_geom(
     body: Any,
     name: str,
     shape: str,
@@ -46,15 +46,15 @@ def solid(
     material: str = "",
     **options: Any,
 ) -> Any:
-    """Add a visible shape that collides; ``name`` is ``<thing>.<part>``.
+    """Add a visible geom with contacts.
 
     Args:
         body: of the spec.
-        name: unique.
+        name: ``<object>.<part>``, unique.
         shape: ``box``, ``capsule``, ``cylinder``, ``sphere`` or ``ellipsoid``.
         size: MuJoCo half sizes [m].
         pos: centre in the body [m].
-        material: its name.
+        material: name of its material.
         **options: further attributes of the geom.
     """
     return body.add_geom(
@@ -64,13 +64,13 @@ def solid(
         pos=list(pos),
         material=material,
         density=0.0,
-        group=SOLID_GROUP,
+        group=COLLISION_GROUP,
         condim=3,
         **{key: _plain(value) for key, value in options.items()},
     )
 
 
-def look(
+def visual_geom(
     body: Any,
     shape: str,
     size: Numbers,
@@ -78,14 +78,14 @@ def look(
     material: str = "",
     **options: Any,
 ) -> Any:
-    """Add a shape that only looks; arguments as in :func:`solid`."""
+    """Add a geom without mass and contacts; arguments as in :func:`collision_geom`."""
     return body.add_geom(
         type=_SHAPES[shape],
         size=_three(size),
         pos=list(pos),
         material=material,
         density=0.0,
-        group=LOOKS_GROUP,
+        group=VISUAL_GROUP,
         contype=0,
         conaffinity=0,
         **{key: _plain(value) for key, value in options.items()},
@@ -93,7 +93,7 @@ def look(
 
 
 def set_mass(body: Any, mass: float, inertia: Numbers, centre: Numbers = (0.0, 0.0, 0.0)) -> None:
-    """Give ``body`` its mass [kg], principal inertia [kg·m²] and centre of mass [m]."""
+    """Set a body's mass [kg], principal inertia [kg·m²] and centre of mass [m]."""
     body.explicitinertial = True
     body.mass = mass
     body.inertia = list(inertia)
@@ -101,7 +101,7 @@ def set_mass(body: Any, mass: float, inertia: Numbers, centre: Numbers = (0.0, 0
 
 
 def box_inertia(mass: float, half: Numbers) -> list[float]:
-    """Principal inertia [kg·m²] of a homogeneous box of these half sizes [m]."""
+    """Return the principal inertia [kg·m²] of a homogeneous box with these half sizes [m]."""
     x, y, z = (4.0 * side * side for side in half)
     return [mass * (y + z) / 12.0, mass * (x + z) / 12.0, mass * (x + y) / 12.0]
 
@@ -109,13 +109,13 @@ def box_inertia(mass: float, half: Numbers) -> list[float]:
 def add_walls(spec: Any, boxes: Mapping[str, Box], material: str = "wall", **options: Any) -> None:
     """Add fixed boxes ``name: (half sizes, centre)`` to the world."""
     for name, (size, pos) in boxes.items():
-        solid(spec.worldbody, name, "box", size, pos, material, **options)
+        collision_geom(spec.worldbody, name, "box", size, pos, material, **options)
 
 
 def light_from(spec: Any, pos: Numbers, target: Numbers) -> None:
-    """Let the light that casts shadows come from ``pos`` and shine at ``target``.
+    """Let the light that casts shadows shine from ``pos`` at ``target``.
 
-    Both are relative to the robot, which it follows; for scenes that are seen from its side.
+    Both are relative to the robot, which the light follows.
     """
     aim = [there - here for here, there in zip(pos, target, strict=True)]
     length = sum(value * value for value in aim) ** 0.5

@@ -10,10 +10,10 @@ from services.sim.scenes.parts import (
     add_materials,
     add_walls,
     box_inertia,
+    collision_geom,
     light_from,
-    look,
     set_mass,
-    solid,
+    visual_geom,
 )
 
 TOOL: Final = "tool"
@@ -57,28 +57,28 @@ def _build(spec: Any) -> None:
     add_materials(spec, _COLOURS)
     light_from(spec, (-1.1, 1.2, 3.3), (0.5, -0.1, 0.0))
     add_walls(spec, {"wall.back": ((0.05, 6.0, 1.6), (2.4, 0.0, 1.6))})
-    look(spec.worldbody, "box", (0.01, 6.0, 0.05), (2.34, 0.0, 0.05), "skirting")
+    visual_geom(spec.worldbody, "box", (0.01, 6.0, 0.05), (2.34, 0.0, 0.05), "skirting")
     add_table(spec)
     _add_tool(spec)
     _add_box(spec)
 
 
 def _add_tool(spec: Any) -> None:
-    """The tool's frame is in the middle of its sole."""
+    """Add the tool; its frame is in the middle of its sole."""
     tool = spec.worldbody.add_body(name=TOOL, pos=[*TOOL_PLACE, TABLE_TOP])
     tool.add_joint(name=TOOL_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     grip = {"friction": (TOOL_GRIP.value, 0.005, 0.0001)}
     base, handle, head = _BASE[2], 2 * _BASE[2] + _HANDLE[2], 0.15
-    solid(tool, "tool.battery", "box", _BASE, (0.008, 0.0, base), "tool_grip", **grip)
-    solid(tool, "tool.handle", "box", _HANDLE, (0.0, 0.0, handle), "tool_body", **grip)
-    solid(tool, "tool.head", "box", _HEAD, (0.015, 0.0, head), "tool_body", **grip)
-    look(tool, "box", (0.0462, 0.0332, 0.004), (0.008, 0.0, 0.026), "tool_trim")
+    collision_geom(tool, "tool.battery", "box", _BASE, (0.008, 0.0, base), "tool_grip", **grip)
+    collision_geom(tool, "tool.handle", "box", _HANDLE, (0.0, 0.0, handle), "tool_body", **grip)
+    collision_geom(tool, "tool.head", "box", _HEAD, (0.015, 0.0, head), "tool_body", **grip)
+    visual_geom(tool, "box", (0.0462, 0.0332, 0.004), (0.008, 0.0, 0.026), "tool_trim")
     for side in (-1.0, 1.0):
-        look(tool, "box", (0.012, 0.001, 0.04), (0.0, 0.0189 * side, handle), "tool_grip")
-        look(tool, "box", (0.035, 0.001, 0.008), (0.0, 0.0244 * side, head), "tool_trim")
-    look(tool, "cylinder", (0.022, 0.014), (0.092, 0.0, head), "tool_grip", quat=_ALONG_X)
-    look(tool, "cylinder", (0.011, 0.016), (0.118, 0.0, head), "chuck", quat=_ALONG_X)
-    look(tool, "cylinder", (0.003, 0.02), (0.148, 0.0, head), "chuck", quat=_ALONG_X)
+        visual_geom(tool, "box", (0.012, 0.001, 0.04), (0.0, 0.0189 * side, handle), "tool_grip")
+        visual_geom(tool, "box", (0.035, 0.001, 0.008), (0.0, 0.0244 * side, head), "tool_trim")
+    visual_geom(tool, "cylinder", (0.022, 0.014), (0.092, 0.0, head), "tool_grip", quat=_ALONG_X)
+    visual_geom(tool, "cylinder", (0.011, 0.016), (0.118, 0.0, head), "chuck", quat=_ALONG_X)
+    visual_geom(tool, "cylinder", (0.003, 0.02), (0.148, 0.0, head), "chuck", quat=_ALONG_X)
     tool.add_site(name="tool_grip", pos=[0.0, 0.0, GRIP_HEIGHT], size=[0.005] * 3, group=4)
     low, rest = TOOL_BATTERY.value, TOOL_REST.value
     mass, upper = low + rest, 0.5 * (handle + head)
@@ -93,21 +93,21 @@ _ALONG_X = (0.70710678, 0.0, 0.70710678, 0.0)
 
 
 def _add_box(spec: Any) -> None:
-    """The box's frame is in the middle of its underside."""
+    """Add the box; its frame is in the middle of its underside."""
     box = spec.worldbody.add_body(name=BOX, pos=[*BOX_PLACE, TABLE_TOP])
     box.add_joint(name=BOX_JOINT, type=mujoco.mjtJoint.mjJNT_FREE)
     grip = {"friction": (BOX_GRIP.value, 0.005, 0.0001)}
     x, y, half = *BOX_HALF, 0.5 * BOX_HEIGHT - _WALL
     middle = half + 2 * _WALL
     floor = (x + 2 * _WALL, y + 2 * _WALL, _WALL)
-    solid(box, "box.floor", "box", floor, (0.0, 0.0, _WALL), "crate_floor", **grip)
+    collision_geom(box, "box.floor", "box", floor, (0.0, 0.0, _WALL), "crate_floor", **grip)
     for name, where, size in (
         ("far", (x + _WALL, 0.0, middle), (_WALL, y + 2 * _WALL, half)),
         ("near", (-x - _WALL, 0.0, middle), (_WALL, y + 2 * _WALL, half)),
         ("left", (0.0, y + _WALL, middle), (x, _WALL, half)),
         ("right", (0.0, -y - _WALL, middle), (x, _WALL, half)),
     ):
-        solid(box, f"box.{name}", "box", size, where, "crate", **grip)
+        collision_geom(box, f"box.{name}", "box", size, where, "crate", **grip)
     inertia = box_inertia(BOX_MASS.value, (x, y, half))
     set_mass(box, BOX_MASS.value, inertia, (0.0, 0.0, 0.4 * BOX_HEIGHT))
 

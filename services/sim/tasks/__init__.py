@@ -1,4 +1,4 @@
-"""Scored tasks: starts, judges and what they see."""
+"""Scored tasks: definitions, contacts, judge and trials."""
 
 from services.sim.tasks.base import Task
 from services.sim.tasks.registry import all_tasks, find_task

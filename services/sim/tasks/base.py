@@ -1,4 +1,4 @@
-"""What a task is: a scene, a seeded start, stages towards a goal, and what must not happen."""
+"""Definition of a scored task: scene, seeded start, stages, failures and permitted contacts."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -6,133 +6,14 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from common.robot.pose import Pose
 from services.sim.config import NoiseConfig
 
-Array = NDArray[np.float64]
-
-
-class Touch(NamedTuple):
-    """What touches what.
-
-    Attributes:
-        side: ``left``, ``right`` or empty, of a robot's part.
-        part: the robot's part (``wrist``), or a thing of the scene.
-        thing: of the scene, or ``floor``.
-    """
-
-    side: str
-    part: str
-    thing: str
-
-    def __str__(self) -> str:
-        return f"{self.side} {self.part} on {self.thing}".strip()
-
-
-class Pair(NamedTuple):
-    """A robot's part, on either side, and a thing."""
-
-    part: str
-    thing: str
-
-    def __str__(self) -> str:
-        return f"{self.part} on {self.thing}"
-
-
-@dataclass(frozen=True, slots=True)
-class Pose:
-    """Where something is in the world, and how fast.
-
-    Attributes:
-        position: (3,) [m].
-        quaternion: (4,) to world (w, x, y, z).
-        speed: of its origin [m/s].
-    """
-
-    position: Array
-    quaternion: Array
-    speed: float = 0.0
-
-    @property
-    def yaw(self) -> float:
-        """Heading [rad]."""
-        w, x, y, z = self.quaternion.tolist()
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-    @property
-    def up(self) -> float:
-        """Cosine of the angle between its z axis and the vertical."""
-        x, y = float(self.quaternion[1]), float(self.quaternion[2])
-        return 1.0 - 2.0 * (x * x + y * y)
-
-    def local(self, point: Array) -> Array:
-        """(3,) the world's ``point`` in this frame [m]."""
-        w, x, y, z = self.quaternion.tolist()
-        a, b, c = (point - self.position).tolist()
-        # Twice the vector part of the inverse rotation times the offset; numpy's cross is slow.
-        p, q, r = 2.0 * (z * b - y * c), 2.0 * (x * c - z * a), 2.0 * (y * a - x * b)
-        return np.array(
-            [
-                a + w * p + z * q - y * r,
-                b + w * q + x * r - z * p,
-                c + w * r + y * p - x * q,
-            ]
-        )
-
-
-def flat_pose(x: float, y: float, z: float = 0.0, yaw: float = 0.0) -> Pose:
-    """A pose that is level [m, rad]."""
-    return Pose(np.array([x, y, z]), np.array([math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw)]))
-
-
-@dataclass(frozen=True, slots=True)
-class Snapshot:
-    """What a judge sees at one tick.
-
-    Attributes:
-        time: since the start of the trial [s].
-        robot: the torso.
-        loads: (left, right) normal force of the feet [N].
-        fallen: whether the robot has fallen.
-        joints: hinges and slides of the scene [rad, m].
-        objects: bodies the task watches.
-        touches: what touched since the last tick, with the largest normal force [N].
-    """
-
-    time: float
-    robot: Pose
-    loads: tuple[float, float]
-    fallen: bool
-    joints: Mapping[str, float] = field(default_factory=dict)
-    objects: Mapping[str, Pose] = field(default_factory=dict)
-    touches: Mapping[Touch, float] = field(default_factory=dict)
-
-    @property
-    def standing(self) -> bool:
-        """Whether it stands on both feet and hardly moves."""
-        return min(self.loads) > STANDING_LOAD and self.robot.speed < STANDING_SPEED
-
-    def touched(self, thing: str, *parts: str, side: str = "") -> bool:
-        """Whether ``thing`` was touched by one of ``parts``, on this side if given.
-
-        Args:
-            thing: of the scene, or ``floor``.
-            *parts: of the robot, or other things; none given: any part of the robot.
-            side: ``left``, ``right`` or either.
-        """
-        wanted = frozenset(parts) or ROBOT_PARTS
-        return any(
-            (touch.thing == thing and touch.part in wanted and side in ("", touch.side))
-            or (touch.part == thing and touch.thing in wanted)
-            for touch in self.touches
-        )
-
-
 STANDING_LOAD = 30.0
-"""A foot that bears less is not stood on [N]."""
+"""Normal force above which a foot counts as standing [N]."""
 STANDING_SPEED = 0.1
-"""A torso faster than this is walking [m/s]."""
+"""Torso speed below which the robot counts as standing [m/s]."""
 HAND = ("finger", "palm")
 ROBOT_PARTS = frozenset(
     (
@@ -141,48 +22,141 @@ ROBOT_PARTS = frozenset(
         *("hip", "thigh", "knee", "shin", "foot"),
     )
 )
-"""The robot's parts, as people call them."""
+"""Names of the robot's parts in contacts."""
 
-Test = Callable[[Snapshot], bool]
+
+class Contact(NamedTuple):
+    """A contact of a part of the robot with an object, or of two objects.
+
+    Attributes:
+        side: ``left`` or ``right`` for a part of the robot that has a side; else empty.
+        part: the robot's part (``wrist``), or an object of the scene.
+        object: an object of the scene, or ``floor``.
+    """
+
+    side: str
+    part: str
+    object: str
+
+    def __str__(self) -> str:
+        return f"{self.side} {self.part} on {self.object}".strip()
+
+
+class ContactPair(NamedTuple):
+    """A part of the robot, on either side, and an object."""
+
+    part: str
+    object: str
+
+    def __str__(self) -> str:
+        return f"{self.part} on {self.object}"
+
+
+def contact_pairs(parts: tuple[str, ...], *objects: str) -> frozenset[ContactPair]:
+    """Return every combination of ``parts`` and ``objects``."""
+    return frozenset(ContactPair(part, name) for part in parts for name in objects)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyState(Pose):
+    """Pose of a body in the world, and its speed.
+
+    Attributes:
+        speed: of the body's origin [m/s].
+    """
+
+    speed: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """State of robot and scene from which a trial is judged.
+
+    Attributes:
+        time: since the start of the trial [s].
+        robot: pose and speed of the torso.
+        loads: (left, right) normal force of the feet [N].
+        fallen: whether the robot has fallen.
+        joints: positions of the scene's hinges and slides by name [rad, m].
+        objects: states of the bodies that the task watches, by name.
+        contacts: contacts since the previous snapshot, with the largest normal force [N].
+    """
+
+    time: float
+    robot: BodyState
+    loads: tuple[float, float]
+    fallen: bool
+    joints: Mapping[str, float] = field(default_factory=dict)
+    objects: Mapping[str, BodyState] = field(default_factory=dict)
+    contacts: Mapping[Contact, float] = field(default_factory=dict)
+
+    @property
+    def standing(self) -> bool:
+        """Whether the robot stands on both feet and hardly moves."""
+        return min(self.loads) > STANDING_LOAD and self.robot.speed < STANDING_SPEED
+
+    def touched(self, name: str, *parts: str, side: str = "") -> bool:
+        """Return whether an object was touched.
+
+        Args:
+            name: object of the scene, or ``floor``.
+            *parts: parts of the robot, or other objects; none: any part of the robot.
+            side: ``left`` or ``right``; empty: either.
+        """
+        wanted = frozenset(parts) or ROBOT_PARTS
+        return any(
+            (contact.object == name and contact.part in wanted and side in ("", contact.side))
+            or (contact.part == name and contact.object in wanted)
+            for contact in self.contacts
+        )
+
+
+Condition = Callable[[Snapshot], bool]
 
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A step towards the goal.
+    """A step towards a task's goal.
 
     Attributes:
-        name: what then has been done.
-        test: whether it is so now.
-        hold: for how long without a break it must be so [s].
-        after: the stage that must be done before, if any.
-        counts: whether the task is partly done with it.
+        name: what is achieved with it.
+        test: condition on the snapshot.
+        hold: time for which the condition must hold without a break [s].
+        after: name of the stage that must be done before; empty: none.
+        partial: whether the stage makes a trial a partial success.
     """
 
     name: str
-    test: Test
+    test: Condition
     hold: float = 0.0
     after: str = ""
-    counts: bool = False
+    partial: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class FailureCondition:
-    """An end that cannot be mended: ``name`` says what happened, ``test`` whether it did."""
+    """An event that ends a trial as a failure.
+
+    Attributes:
+        name: what happened.
+        test: condition on the snapshot.
+        hold: time for which the condition must hold without a break [s].
+    """
 
     name: str
-    test: Test
+    test: Condition
     hold: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """Where everything is when a trial starts.
+    """Start of a trial.
 
     Attributes:
         x: of the torso in the world [m].
-        y: [m].
-        yaw: heading [rad].
-        joints: ``qpos`` of the scene's joints by name; what is not named stays as built.
+        y: of the torso in the world [m].
+        yaw: heading of the torso [rad].
+        joints: ``qpos`` of the scene's joints by name; the others keep their default.
     """
 
     x: float
@@ -197,22 +171,21 @@ class Task:
 
     Attributes:
         name: ``<group>/<task>``.
-        scene: where it takes place.
-        goal: what to do, in one sentence.
-        rule: when it is a success, in words.
+        scene: name of its scene.
+        goal: instruction in one sentence.
+        rule: condition of success in words.
         limit: time limit [s].
         start: draws the start of a trial.
-        stages: in order; the last is the goal.
-        wrongs: what ends the trial at once.
-        desired: contacts the task asks for or bears; every other one between robot and scene is
-            undesired.
-        objects: of the scene, to report; the judge sees those that are bodies, not the sites.
+        stages: in order; the last one is the goal.
+        failures: events that end a trial at once.
+        desired: contacts that the task needs or tolerates; every other contact between robot and
+            scene is undesired.
+        objects: bodies and sites of the scene to report; trials are judged by the bodies only.
         joints: hinges and slides of the scene to watch and to report.
-        marks: places that do not move; ``goal`` among them.
-        noise: of the measured state, unless the plant's configuration says otherwise.
-        link: delay on the way from operator to robot that belongs to the task, unless links are
-            given, see :attr:`links`; empty: none.
-        origin: where start and rule are from.
+        marks: fixed poses in the world; ``goal`` is one of them.
+        noise: on the measured state, unless the plant's configuration sets another.
+        link: delay between operator and robot that belongs to the task; empty: none.
+        origin: source of start and rule.
     """
 
     name: str
@@ -223,8 +196,8 @@ class Task:
     start: Callable[[np.random.Generator], Start]
     stages: tuple[Stage, ...]
     marks: Mapping[str, Pose]
-    wrongs: tuple[FailureCondition, ...] = ()
-    desired: frozenset[Pair] = frozenset()
+    failures: tuple[FailureCondition, ...] = ()
+    desired: frozenset[ContactPair] = frozenset()
     objects: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
     noise: NoiseConfig = field(default_factory=NoiseConfig)
@@ -233,25 +206,20 @@ class Task:
 
     @property
     def links(self) -> dict[str, str]:
-        """Its own link by name; empty: none."""
+        """Delay of the task's own link by the link's name; empty: none."""
         return {"command": self.link} if self.link else {}
 
 
-def pairs(parts: tuple[str, ...], *things: str) -> frozenset[Pair]:
-    """Every part with every thing."""
-    return frozenset(Pair(part, thing) for part in parts for thing in things)
-
-
 def normal(rng: np.random.Generator, mean: float, deviation: float) -> float:
-    """A normal variate within 2.5 deviations of its mean, so that no start is absurd."""
+    """Draw from a normal distribution that is cut off at 2.5 standard deviations."""
     return mean + deviation * float(np.clip(rng.normal(), -2.5, 2.5))
 
 
 def spread(rng: np.random.Generator, mean: float, half: float) -> float:
-    """A uniform variate within ``half`` of ``mean``."""
+    """Draw uniformly from ``mean`` ± ``half``."""
     return mean + half * float(rng.uniform(-1.0, 1.0))
 
 
 def free_joint(x: float, y: float, z: float, yaw: float = 0.0) -> tuple[float, ...]:
-    """``qpos`` of a free joint that stands upright [m, rad]."""
+    """Return ``qpos`` (7,) of a free joint of an upright body [m, rad]."""
     return (x, y, z, math.cos(0.5 * yaw), 0.0, 0.0, math.sin(0.5 * yaw))

@@ -4,6 +4,8 @@ import math
 
 import numpy as np
 
+from common.robot.pose import Pose
+from common.robot.rotations import wrap_angle
 from services.sim.scenes.bench import HAMMER_JOINT, HAMMER_REST, HANGER, PUSH_GOAL, PUSH_LANE
 from services.sim.scenes.cart import BAR_OFFSET, CART_JOINTS, TRAY_HALF, TRAY_HEIGHT
 from services.sim.tasks.base import (
@@ -13,32 +15,26 @@ from services.sim.tasks.base import (
     Stage,
     Start,
     Task,
-    flat_pose,
+    contact_pairs,
     free_joint,
     normal,
-    pairs,
     spread,
 )
 
 JOINTS = CART_JOINTS
 REACH = 0.42
-"""From the torso to the push bar when the fists are to lie on it [m]."""
+"""Distance of the torso to the push bar at which the hands reach it [m]."""
 PUSH_START = (REACH + BAR_OFFSET, PUSH_LANE)
-"""Where the trolley's centre is before it is pushed (x, y) [m]."""
+"""Centre of the trolley before it is pushed (x, y) [m]."""
 
 
 def cart_at(x: float, y: float, yaw: float) -> dict[str, tuple[float, ...]]:
-    """``qpos`` of the trolley's joints [m, rad]."""
+    """Return ``qpos`` of the trolley's joints [m, rad]."""
     return {name: (value,) for name, value in zip(CART_JOINTS, (x, y, yaw), strict=True)}
 
 
-def turn(angle: float) -> float:
-    """The same angle within ±pi [rad]."""
-    return math.remainder(angle, math.tau)
-
-
 WALK_GOAL = (-0.08, PUSH_LANE)
-"""Half a metre behind the push bar: hands free of it, a step from pushing."""
+"""Half a metre behind the push bar, a step before pushing (x, y) [m]."""
 WALK_GOAL_RADIUS = 0.1
 WALK_GOAL_YAW = math.radians(10.0)
 
@@ -72,10 +68,10 @@ WALK = Task(
     limit=70.0,
     start=_walk_start,
     stages=(
-        Stage("near the trolley", lambda now: _walk_distance(now) < 0.3, counts=True),
+        Stage("near the trolley", lambda now: _walk_distance(now) < 0.3, partial=True),
         Stage("standing at the trolley", _walk_there, hold=0.5),
     ),
-    marks={"goal": flat_pose(*WALK_GOAL)},
+    marks={"goal": Pose.upright(*WALK_GOAL)},
     objects=("cart", "cart_bar"),
     joints=JOINTS,
     origin="never published; spread of the public door/walk, tolerance that 20 of 20 walks of 1 m "
@@ -84,10 +80,10 @@ WALK = Task(
 
 
 HAMMER_CART_PLACE = (0.68, -0.72)
-"""The trolley's centre (x, y) [m]; its bar is on the far side."""
+"""Centre of the trolley (x, y), its bar on the far side [m]."""
 HAMMER_REST_SPEED = 0.05
 HAMMER_STANDING = 0.32
-"""A hammer that stands on its handle has its head this high above the tray [m]."""
+"""Height of the head above the tray when the hammer stands on its handle [m]."""
 
 
 def _hammer_start(rng: np.random.Generator) -> Start:
@@ -136,17 +132,17 @@ HAMMER = Task(
     start=_hammer_start,
     stages=(
         Stage("hammer grasped", lambda now: now.touched("hammer", "finger"), hold=0.2),
-        Stage("hammer off the hanger", _hammer_lifted, hold=0.2, counts=True),
-        Stage("hammer on the tray", _hammer_on_tray, counts=True, after="hammer off the hanger"),
+        Stage("hammer off the hanger", _hammer_lifted, hold=0.2, partial=True),
+        Stage("hammer on the tray", _hammer_on_tray, partial=True, after="hammer off the hanger"),
         Stage("hammer put down", _hammer_at_rest, hold=1.0, after="hammer on the tray"),
     ),
-    wrongs=(
+    failures=(
         FailureCondition(
             "the hammer fell to the floor", lambda now: now.touched("floor", "hammer")
         ),
     ),
-    desired=pairs(HAND, "hammer"),
-    marks={"goal": flat_pose(*HAMMER_CART_PLACE, TRAY_HEIGHT)},
+    desired=contact_pairs(HAND, "hammer"),
+    marks={"goal": Pose.upright(*HAMMER_CART_PLACE, TRAY_HEIGHT)},
     objects=("hammer", "hammer_grip", "cart", "cart_tray"),
     joints=JOINTS,
     origin="never published; places and spread of the prototype (11 of 12)",
@@ -154,7 +150,7 @@ HAMMER = Task(
 
 
 PUSH_SHORT, PUSH_BEYOND = 0.10, 0.25
-"""How far before and behind the goal the trolley may stop [m]."""
+"""Distances before and behind the goal within which the trolley may stop [m]."""
 PUSH_ASIDE = 0.15
 PUSH_TURNED = math.radians(15.0)
 PUSH_REST_SPEED = 0.02
@@ -168,9 +164,9 @@ def _push_start(rng: np.random.Generator) -> Start:
 
 
 def _push_offset(now: Snapshot) -> tuple[float, float, float]:
-    """The trolley's place and heading from the goal [m, m, rad]."""
+    """Return the trolley's position and heading relative to the goal [m, m, rad]."""
     x, y, yaw = (now.joints[name] for name in JOINTS)
-    return x - PUSH_GOAL[0], y - PUSH_GOAL[1], turn(yaw)
+    return x - PUSH_GOAL[0], y - PUSH_GOAL[1], wrap_angle(yaw)
 
 
 def _push_at_goal(now: Snapshot) -> bool:
@@ -198,12 +194,12 @@ PUSH = Task(
     start=_push_start,
     stages=(
         Stage("both hands on the bar", _push_both_hands),
-        Stage("half way", lambda now: _push_offset(now)[0] > -0.5, counts=True),
+        Stage("half way", lambda now: _push_offset(now)[0] > -0.5, partial=True),
         Stage("trolley at its place", _push_at_goal, hold=0.5),
     ),
-    wrongs=(FailureCondition("the trolley left its lane", _push_lost, hold=0.2),),
-    desired=pairs((*HAND, "wrist"), "cart bar"),
-    marks={"goal": flat_pose(*PUSH_GOAL)},
+    failures=(FailureCondition("the trolley left its lane", _push_lost, hold=0.2),),
+    desired=contact_pairs((*HAND, "wrist"), "cart bar"),
+    marks={"goal": Pose.upright(*PUSH_GOAL)},
     objects=("cart", "cart_bar"),
     joints=JOINTS,
     origin="never published; distance, tolerance and spread of the prototype (8 of 8)",

@@ -4,32 +4,31 @@ import math
 
 import numpy as np
 
+from common.robot.pose import Pose
 from services.sim.scenes.door import LATCH_RATIO, LATCH_REACH
 from services.sim.tasks.base import (
     HAND,
-    Pose,
     Snapshot,
     Stage,
     Start,
     Task,
-    flat_pose,
+    contact_pairs,
     normal,
-    pairs,
 )
 
 OBJECTS = ("leaf", "lever", "lever_grip")
 JOINTS = ("door_hinge", "door_lever", "door_latch")
 PUBLIC_GOAL = (0.1, 0.0)
-"""Where the public TRILL simulation wants the robot to stand before the door (x, y) [m]."""
+"""Goal before the door in the public TRILL simulation (x, y) [m]."""
 
 
 def door_marks(x: float, y: float) -> dict[str, Pose]:
-    """The goal of the torso's ground point."""
-    return {"goal": flat_pose(x, y)}
+    """Return the mark of the goal of the torso's ground point."""
+    return {"goal": Pose.upright(x, y)}
 
 
 def hinge(snapshot: Snapshot) -> float:
-    """How far the leaf is open [rad]."""
+    """Return the opening angle of the leaf [rad]."""
     return snapshot.joints["door_hinge"]
 
 
@@ -37,7 +36,7 @@ WALK_GOAL_RADIUS = 0.1
 WALK_GOAL_YAW = 0.3
 WALK_NEAR = 0.3
 WALK_CORRIDOR = 0.3
-"""Beyond the goal it must still be in front of the door: |y| less than this [m]."""
+"""Largest |y| beyond the goal, so that the robot is still in front of the door [m]."""
 
 
 def _walk_start(rng: np.random.Generator) -> Start:
@@ -65,7 +64,7 @@ WALK = Task(
     limit=70.0,
     start=_walk_start,
     stages=(
-        Stage("near the door", lambda now: _walk_distance(now) < WALK_NEAR, counts=True),
+        Stage("near the door", lambda now: _walk_distance(now) < WALK_NEAR, partial=True),
         Stage("standing before the door", _walk_there, hold=0.5),
     ),
     marks=door_marks(*PUBLIC_GOAL),
@@ -93,11 +92,11 @@ UNLOCK = Task(
     limit=20.0,
     start=_unlock_start,
     stages=(
-        Stage("lever pressed", lambda now: now.joints["door_lever"] > UNLOCK_PRESSED, counts=True),
-        Stage("door ajar", lambda now: hinge(now) > UNLOCK_AJAR, counts=True),
+        Stage("lever pressed", lambda now: now.joints["door_lever"] > UNLOCK_PRESSED, partial=True),
+        Stage("door ajar", lambda now: hinge(now) > UNLOCK_AJAR, partial=True),
         Stage("door unlocked", lambda now: not now.fallen, hold=1.0, after="door ajar"),
     ),
-    desired=pairs((*HAND, "wrist"), "lever") | pairs(HAND, "leaf"),
+    desired=contact_pairs((*HAND, "wrist"), "lever") | contact_pairs(HAND, "leaf"),
     marks=door_marks(0.22, 0.05),
     objects=OBJECTS,
     joints=JOINTS,
@@ -107,7 +106,7 @@ UNLOCK = Task(
 
 
 PUSH_THROUGH = 1.2
-"""Torso beyond this x has the whole robot behind the frame [m]."""
+"""Torso x beyond which the whole robot is behind the frame [m]."""
 PUSH_LANE = 0.35
 
 
@@ -135,11 +134,11 @@ PUSH = Task(
     limit=70.0,
     start=_push_start,
     stages=(
-        Stage("door half open", lambda now: hinge(now) > 0.785, counts=True),
-        Stage("at the threshold", _push_at_threshold, hold=0.5, counts=True),
+        Stage("door half open", lambda now: hinge(now) > 0.785, partial=True),
+        Stage("at the threshold", _push_at_threshold, hold=0.5, partial=True),
         Stage("through the door", _push_through, hold=0.5),
     ),
-    desired=pairs((*HAND, "wrist", "forearm"), "leaf", "lever"),
+    desired=contact_pairs((*HAND, "wrist", "forearm"), "leaf", "lever"),
     marks=door_marks(1.3, 0.0),
     objects=OBJECTS,
     joints=JOINTS,

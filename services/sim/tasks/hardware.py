@@ -1,7 +1,8 @@
-"""Twins of the hardware tasks: noisy state, and the link of the paper's robot."""
+"""Simulated counterparts of the paper's hardware tasks: noisy state, and its robot's link."""
 
 import numpy as np
 
+from common.robot.pose import Pose
 from services.sim.config import TYPICAL_NOISE
 from services.sim.scenes.cap import CAN_HEIGHT, CAN_JOINT, CAN_PLACE, CAN_REST, CAP_JOINT
 from services.sim.scenes.furniture import TABLE_TOP
@@ -20,15 +21,14 @@ from services.sim.tasks.base import (
     Stage,
     Start,
     Task,
-    flat_pose,
+    contact_pairs,
     free_joint,
-    pairs,
     spread,
 )
 
 NOISE = TYPICAL_NOISE
 LINK = "paper"
-"""Preset of the communication between operator and robot."""
+"""Preset of the delay between operator and robot."""
 
 
 TOOL_REST_SPEED = 0.05
@@ -53,7 +53,7 @@ def _tool_lifted(now: Snapshot) -> bool:
 
 
 def _tool_inside(now: Snapshot) -> bool:
-    """The handle's foot is between the walls, and the tool rests on the box alone."""
+    """Return whether the tool is between the walls and rests on the box alone."""
     x, y, z = now.objects["box"].local(now.objects["tool"].position).tolist()
     placed = abs(x) < BOX_HALF[0] and abs(y) < BOX_HALF[1] and z < BOX_HEIGHT
     return placed and now.touched("tool", "box") and not now.touched("tool", "table")
@@ -81,13 +81,13 @@ TOOL = Task(
     start=_tool_start,
     stages=(
         Stage("tool grasped", lambda now: now.touched("tool", "finger"), hold=0.2),
-        Stage("tool lifted", _tool_lifted, hold=0.2, counts=True),
-        Stage("tool in the box", _tool_inside, after="tool lifted", counts=True),
+        Stage("tool lifted", _tool_lifted, hold=0.2, partial=True),
+        Stage("tool in the box", _tool_inside, after="tool lifted", partial=True),
         Stage("tool put down", _tool_at_rest, hold=1.0, after="tool in the box"),
     ),
-    wrongs=(FailureCondition("tool or box fell to the floor", _tool_fell),),
-    desired=pairs(HAND, "tool"),
-    marks={"goal": flat_pose(*BOX_PLACE, TABLE_TOP)},
+    failures=(FailureCondition("tool or box fell to the floor", _tool_fell),),
+    desired=contact_pairs(HAND, "tool"),
+    marks={"goal": Pose.upright(*BOX_PLACE, TABLE_TOP)},
     objects=("tool", "tool_grip", "box"),
     noise=NOISE,
     link=LINK,
@@ -97,7 +97,7 @@ TOOL = Task(
 
 
 CAP_OFF = 0.035
-"""The cap's edge is this far from the can's shoulder: past the end of the neck [m]."""
+"""Distance of the cap's edge from the can's shoulder, past the end of the neck [m]."""
 
 
 def _cap_start(rng: np.random.Generator) -> Start:
@@ -141,7 +141,7 @@ CAP = Task(
     stages=(
         Stage("can held", _cap_can_held, hold=0.2),
         Stage("both hands at work", _cap_two_hands, hold=0.2),
-        Stage("cap off", _cap_off, hold=0.2, counts=True),
+        Stage("cap off", _cap_off, hold=0.2, partial=True),
         Stage(
             "cap taken off with two hands",
             lambda now: _cap_off(now) and _cap_two_hands(now),
@@ -149,11 +149,11 @@ CAP = Task(
             after="both hands at work",
         ),
     ),
-    wrongs=(
+    failures=(
         FailureCondition("the can fell to the floor", lambda now: now.touched("floor", "can")),
     ),
-    desired=pairs(HAND, "can", "cap"),
-    marks={"goal": flat_pose(*CAN_PLACE, CAN_REST)},
+    desired=contact_pairs(HAND, "can", "cap"),
+    marks={"goal": Pose.upright(*CAN_PLACE, CAN_REST)},
     objects=("can", "can_grip", "cap", "cap_grip"),
     noise=NOISE,
     link=LINK,

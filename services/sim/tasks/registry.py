@@ -1,7 +1,6 @@
-"""Finds the tasks: those in the ``TASKS`` of every module beside this one.
+"""Registry of the tasks: the tuple ``TASKS`` of every module in this package.
 
-A further task is one more :class:`~services.sim.tasks.base.Task` in such a tuple, or a new module
-with one; there is no list to add it to.
+To add a task, add a :class:`~services.sim.tasks.base.Task` to such a tuple, or add a module.
 """
 
 import importlib
@@ -19,7 +18,7 @@ def all_tasks() -> dict[str, Task]:
     """Return every task by name, sorted.
 
     Raises:
-        TaskError: a task's name does not begin with the name of its module, or is taken twice.
+        TaskError: a task's name does not begin with the name of its module, or exists twice.
     """
     found: dict[str, Task] = {}
     package = importlib.import_module(_PACKAGE)
@@ -28,7 +27,7 @@ def all_tasks() -> dict[str, Task]:
         for task in getattr(module, "TASKS", ()):
             if not task.name.startswith(f"{info.name}/") or task.name in found:
                 raise TaskError(
-                    f"expected a task of its own name {info.name}/<task> in {module.__name__}, got "
+                    f"expected a unique task name {info.name}/<task> in {module.__name__}, got "
                     f"{task.name!r}"
                 )
             found[task.name] = task

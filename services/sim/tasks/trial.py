@@ -1,11 +1,12 @@
-"""A task in the physics: places its start, watches the scene, feeds the judge, reports."""
+"""Trials of a task in the physics: start, snapshots for the judge, and status messages."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import mujoco
 import numpy as np
 
+from common.robot.pose import Pose
 from common.schemas import (
     Header,
     SceneJoint,
@@ -18,18 +19,21 @@ from common.schemas import (
 from services.sim.errors import TaskError
 from services.sim.model.contacts import foot_normal_forces
 from services.sim.model.world import Addresses
-from services.sim.tasks.base import Pose, Snapshot, Task
+from services.sim.tasks.base import BodyState, Snapshot, Task
+from services.sim.tasks.contacts import ContactSensor
 from services.sim.tasks.judge import Judge
-from services.sim.tasks.touch import TouchSensor
 
 TICK_STEPS = 10
-"""Physics steps between two looks of the judge."""
+"""Physics steps between two snapshots for the judge."""
 _START_STREAM = 0x7A5C
-"""Sets the random numbers of the start apart from those of the sensor noise."""
+"""Separates the random numbers of the start from those of the sensor noise."""
 
 
 class SceneView:
-    """Reads where a scene's objects are; a scene without joints has nothing to report."""
+    """Reads the states of a scene's objects and joints.
+
+    Without a task it reads the scene's ``qpos`` only.
+    """
 
     def __init__(
         self, model: Any, data: Any, addresses: Addresses, scene: str, task: Task | None
@@ -47,28 +51,28 @@ class SceneView:
 
     @property
     def moves(self) -> bool:
-        """Whether the scene has anything that moves."""
+        """Whether the scene has joints."""
         return bool(self._qpos.size)
 
-    def robot(self) -> Pose:
-        """The torso."""
+    def robot(self) -> BodyState:
+        """Return the state of the torso."""
         qpos, qvel = self._data.qpos, self._data.qvel
-        return Pose(qpos[:3].copy(), qpos[3:7].copy(), float(np.linalg.norm(qvel[:3])))
+        return BodyState(qpos[:3].copy(), qpos[3:7].copy(), float(np.linalg.norm(qvel[:3])))
 
-    def objects(self) -> dict[str, Pose]:
-        """Watched bodies and sites."""
+    def objects(self) -> dict[str, BodyState]:
+        """Return the states of the watched bodies and sites."""
         return {name: read() for name, read in self._objects.items()}
 
-    def bodies(self) -> dict[str, Pose]:
-        """Watched bodies: all that a judge needs."""
+    def bodies(self) -> dict[str, BodyState]:
+        """Return the states of the watched bodies, by which a trial is judged."""
         return {name: read() for name, read in self._bodies.items()}
 
     def joints(self) -> dict[str, float]:
-        """Watched hinges and slides."""
+        """Return the positions of the watched hinges and slides [rad, m]."""
         return {name: float(self._data.qpos[at]) for name, at in self._joints.items()}
 
     def state(self, stamp_ns: int, reset_count: int) -> SceneState:
-        """The message about the scene as it is now."""
+        """Return the message about the scene as it is now."""
         task = self._task
         return SceneState(
             header=Header(stamp=stamp_ns),
@@ -76,69 +80,69 @@ class SceneView:
             task=task.name if task else "",
             objects=_poses(self.objects()),
             joints=[SceneJoint(name=n, position=v) for n, v in self.joints().items()],
-            marks=_poses(dict(task.marks)) if task else [],
+            marks=_poses(task.marks) if task else [],
             qpos=self._qpos.tolist(),
             reset_count=reset_count,
         )
 
 
-def _poses(poses: dict[str, Pose]) -> list[ScenePose]:
+def _poses(poses: Mapping[str, Pose]) -> list[ScenePose]:
     return [
         ScenePose(name=name, position=pose.position, quaternion=pose.quaternion)
         for name, pose in poses.items()
     ]
 
 
-def _locate(model: Any, data: Any, name: str) -> Callable[[], Pose]:
-    """How to read the pose of the body or site ``name``."""
+def _locate(model: Any, data: Any, name: str) -> Callable[[], BodyState]:
+    """Return a function that reads the state of the body or site ``name``."""
     velocity = np.zeros(6)
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY.value, name)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE.value, name)
     if body >= 0:
 
-        def read_body() -> Pose:
+        def read_body() -> BodyState:
             kind = mujoco.mjtObj.mjOBJ_XBODY.value
             mujoco.mj_objectVelocity(model, data, kind, body, velocity, 0)
             speed = float(np.linalg.norm(velocity[3:]))
-            return Pose(data.xpos[body].copy(), data.xquat[body].copy(), speed)
+            return BodyState(data.xpos[body].copy(), data.xquat[body].copy(), speed)
 
         return read_body
     if site >= 0:
 
-        def read_site() -> Pose:
+        def read_site() -> BodyState:
             quaternion = np.zeros(4)
             mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
-            return Pose(data.site_xpos[site].copy(), quaternion)
+            return BodyState(data.site_xpos[site].copy(), quaternion)
 
         return read_site
     raise TaskError(f"expected a body or site called {name!r} in the task's scene, there is none")
 
 
 class Trial:
-    """One trial after another of a task in a plant's physics.
+    """Runs a task's trials, one after another, in a plant's physics.
 
     Attributes:
         task: the task.
-        view: where its scene's objects are.
+        view: reads the scene.
         judge: of the trial in progress.
-        seed: of that trial's start.
+        seed: of the start of the trial in progress.
     """
 
     def __init__(self, task: Task, model: Any, data: Any, addresses: Addresses) -> None:
         self.task = task
         self.view = SceneView(model, data, addresses, task.scene, task)
         self._data, self._addresses = data, addresses
-        self._touch = TouchSensor(model, data)
+        self._contacts = ContactSensor(model, data)
         self._joints = {
             model.joint(i).name: int(model.joint(i).qposadr[0]) for i in range(model.njnt)
         }
         self.restart(0)
 
     def restart(self, seed: int) -> None:
-        """Place robot and objects for the start that belongs to ``seed`` (position only)."""
+        """Begin a trial: place robot and objects at the start drawn with ``seed``."""
         self.seed = seed
         self.judge = Judge(self.task)
-        self._touch.read()
+        self._contacts.read()
         self._steps = 0
         start = self.task.start(np.random.default_rng((seed, _START_STREAM)))
         qpos, half = self._data.qpos, 0.5 * start.yaw
@@ -151,7 +155,7 @@ class Trial:
             qpos[at : at + len(values)] = values
 
     def step(self, time: float, *, fallen: bool) -> None:
-        """Look at the last physics step.
+        """Collect contacts of the last physics step, and judge if it is time.
 
         Args:
             time: since the start of the trial [s].
@@ -159,7 +163,7 @@ class Trial:
         """
         self._steps += 1
         due = self._steps % TICK_STEPS == 0
-        self._touch.feel(things=due)
+        self._contacts.collect(between_objects=due)
         if due:
             self.judge.tick(self._snapshot(time, fallen=fallen))
 
@@ -172,11 +176,11 @@ class Trial:
             fallen=fallen,
             joints=self.view.joints(),
             objects=self.view.bodies(),
-            touches=self._touch.read(),
+            contacts=self._contacts.read(),
         )
 
     def status(self, stamp_ns: int, reset_count: int) -> TaskStatus:
-        """The message about verdict and progress."""
+        """Return the message about verdict and progress."""
         judge = self.judge
         stages = [TaskStage(name=s.name, done=s.name in judge.done) for s in self.task.stages]
         return TaskStatus(
@@ -189,8 +193,8 @@ class Trial:
             reason=judge.reason,
             stages=stages,
             undesired=[
-                UndesiredContact(name=str(touch), since=seen.since, peak=seen.peak)
-                for touch, seen in list(judge.undesired.items())[:64]
+                UndesiredContact(name=str(contact), since=record.since, peak=record.peak)
+                for contact, record in list(judge.undesired.items())[:64]
             ],
             reset_count=reset_count,
         )

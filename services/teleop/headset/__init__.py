@@ -1,1 +1,1 @@
-"""Headset poses, triggers and buttons as operator."""
+"""Headset and hand controllers as the operator's input."""

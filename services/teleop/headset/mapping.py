@@ -1,10 +1,10 @@
-"""From headset and hand controllers to what the robot is asked: a pure mapping, sample by sample.
+"""Mapping from samples of headset and hand controllers to set-points and gait requests; pure.
 
-A hand moves only while its clutch (squeeze) is held. Engaging takes a fresh snapshot of
-controller, head yaw and the hand's present target; from then on the target is the snapshot's plus
-what the controller has moved and turned since, in the head's yaw frame of the snapshot. So
-engaging never jumps, and nothing the head does moves a hand. Squeeze and trigger, lost tracking
-and silence all end in the same safe way: the hand holds its target until engaged anew.
+A hand moves only while its clutch (squeeze) is held. Engaging takes a snapshot of the controller,
+the head's yaw and the hand's target. From then on the target is the snapshot's plus the motion of
+the controller since, in the yaw frame of the snapshot. Engaging therefore never makes a target
+jump, and motion of the head never moves a hand. When the squeeze is released, tracking is lost or
+samples cease, the hand holds its target until it is engaged again.
 """
 
 import math
@@ -15,46 +15,51 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from common.robot.joints import JOINTS, NECK
+from common.robot.pose import Pose
 from common.robot.rotations import (
-    Array,
-    from_rotation_vector,
     multiply,
     normalised,
-    rotation_vector,
-    to_rpy,
+    quaternion_from_rotation_vector,
+    rotate_about_z,
+    rotation_between,
+    rpy_from_quaternion,
 )
+from common.robot.workspace import clamp_to_workspace
 from common.schemas import DeviceInput, Gait, GaitRequest, HandController, Header, Setpoint
-from services.teleop.targets.hand import HandTarget, TargetLimits, home_pose
+from common.schemas.arrays import Float64Array as Array
+from services.teleop.targets.hand import nominal_pose
 
 
 class MapperConfig(BaseModel):
-    """How the operator's movements become the robot's."""
+    """Configuration of the mapping."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    scale: float = Field(default=1.0, gt=0.0, le=3.0, description="robot's metre per operator's")
-    engage: float = Field(default=0.6, gt=0.0, le=1.0, description="squeeze that engages")
-    release: float = Field(default=0.4, ge=0.0, lt=1.0, description="squeeze that lets go")
+    scale: float = Field(
+        default=1.0, gt=0.0, le=3.0, description="robot's motion / operator's motion"
+    )
+    engage: float = Field(
+        default=0.6, gt=0.0, le=1.0, description="squeeze above which a clutch engages"
+    )
+    release: float = Field(
+        default=0.4, ge=0.0, lt=1.0, description="squeeze below which a clutch releases"
+    )
     meet: float = Field(
         default=0.1,
         ge=0.0,
         le=1.0,
-        description="after engaging a trigger works once it is this near to the gripper's closure",
+        description="distance to the gripper's closure at which an engaged trigger takes over",
     )
     stale_after: float = Field(
-        default=0.25, gt=0.0, description="without a sample the clutches are released [s]"
+        default=0.25, gt=0.0, description="silence after which the clutches release [s]"
     )
-    head_moves_neck: bool = Field(default=True, description="the robot looks down as the head does")
-    box_low: tuple[float, float, float] = Field(
-        default=(0.15, -0.10, -0.15), description="of the left hand in the body frame [m]"
-    )
-    box_high: tuple[float, float, float] = Field(
-        default=(0.56, 0.45, 0.40), description="likewise, the opposite corner [m]"
+    head_moves_neck: bool = Field(
+        default=True, description="whether the robot's neck follows the head's pitch"
     )
 
 
 class Button(Enum):
-    """The buttons that ask for gaits, by hand."""
+    """Buttons that request gaits: hand and name in the sample."""
 
     LEFT_UPPER = ("left", "upper")
     RIGHT_UPPER = ("right", "upper")
@@ -64,7 +69,7 @@ class Button(Enum):
     RIGHT_STICK = ("right", "stick_pressed")
 
     def held(self, device: DeviceInput) -> bool:
-        """Whether it is pressed in this sample."""
+        """Return whether the button is pressed in a sample."""
         hand, button = self.value
         return bool(getattr(getattr(device, hand), button))
 
@@ -77,22 +82,23 @@ GAIT_BUTTONS: dict[Button, Gait] = {
     Button.LEFT_LOWER: Gait.TURN_LEFT,
     Button.RIGHT_LOWER: Gait.TURN_RIGHT,
 }
-"""Y forward, B backward, X turn left, A turn right, the thumb sticks pushed in side-step."""
+"""Y walks forward, B backward, X turns left, A right, pressed thumb sticks side-step."""
 
 
 @dataclass
 class _Snapshot:
-    """Controller, head yaw and target at the moment of engaging."""
+    """Controller, head yaw and target at the time of engaging."""
 
     controller_position: Array
     controller_quaternion: Array
     yaw: float
-    target_position: Array
-    target_quaternion: Array
+    target: Pose
 
 
 def head_yaw(quaternion: Array) -> float:
-    """Heading [rad] of the head's forward axis; of its up axis when it looks straight down or up.
+    """Return the heading of the head [rad].
+
+    It is that of the forward axis, or of the up axis if the head looks straight down or up.
 
     Args:
         quaternion: (4,) head to floor (w, x, y, z).
@@ -107,27 +113,23 @@ def head_yaw(quaternion: Array) -> float:
     return math.atan2(sign * up[1], sign * up[0])
 
 
-def turned_by_yaw(vector: Array, yaw: float) -> Array:
-    """``vector`` (3,) turned about z by ``yaw`` [rad]."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    x, y, z = vector.tolist()
-    return np.array([c * x - s * y, s * x + c * y, z])
-
-
 class HandMapper:
-    """One hand's clutch, target and gripper.
+    """Maps one hand: clutch, target and gripper.
+
+    While the clutch is held the target may leave the workspace, in which the controller keeps the
+    hand. On release the target returns to the workspace, so that the hand follows at once when the
+    clutch is engaged again.
 
     Attributes:
         side: ``left`` or ``right``.
-        target: pose in the body frame, within the workspace.
+        target: pose in the body frame.
         closure: of the gripper, 0 open to 1 closed.
     """
 
     def __init__(self, side: str, config: MapperConfig) -> None:
         self.side = side
         self._config = config
-        limits = TargetLimits(box_low=config.box_low, box_high=config.box_high)
-        self.target = HandTarget(side, limits)
+        self.target = nominal_pose(side)
         self.closure = 0.0
         self._snapshot: _Snapshot | None = None
         self._trigger_met = False
@@ -139,11 +141,13 @@ class HandMapper:
         return self._snapshot is not None
 
     def release(self) -> None:
-        """Hold the target until engaged anew."""
+        """Hold the target, within the workspace, until the clutch is engaged again."""
         self._snapshot = None
+        position = clamp_to_workspace(self.side, self.target.position)
+        self.target = Pose(position, self.target.quaternion)
 
-    def take(self, controller: HandController, yaw: float | None) -> None:
-        """Follow one sample; ``yaw`` is the head's [rad], None when it is not tracked."""
+    def update(self, controller: HandController, yaw: float | None) -> None:
+        """Apply a sample; ``yaw`` is the head's [rad], None if it is not tracked."""
         limit = self._config.release if self.engaged else self._config.engage
         if not controller.tracked or controller.squeeze < limit:
             self.release()
@@ -161,24 +165,23 @@ class HandMapper:
             controller.position,
             controller.quaternion,
             yaw,
-            self.target.position,
-            self.target.quaternion,
+            self.target,
         )
         self._trigger_met = False
         self._last_trigger = controller.trigger
 
     def _follow(self, snapshot: _Snapshot, controller: HandController) -> None:
         moved = controller.position - snapshot.controller_position
-        position = snapshot.target_position + self._config.scale * turned_by_yaw(
+        position = snapshot.target.position + self._config.scale * rotate_about_z(
             moved, -snapshot.yaw
         )
-        turn = rotation_vector(snapshot.controller_quaternion, controller.quaternion)
-        delta = from_rotation_vector(turned_by_yaw(turn, -snapshot.yaw))
-        quaternion = normalised(multiply(delta, snapshot.target_quaternion))
-        self.target.place(position, quaternion)
+        turn = rotation_between(snapshot.controller_quaternion, controller.quaternion)
+        delta = quaternion_from_rotation_vector(rotate_about_z(turn, -snapshot.yaw))
+        quaternion = normalised(multiply(delta, snapshot.target.quaternion))
+        self.target = Pose(position, quaternion)
 
     def _grip(self, trigger: float) -> None:
-        """The gripper follows the trigger once this has met the closure it was left with."""
+        """Let the gripper follow the trigger once that has met the closure left before."""
         low, high = sorted((self._last_trigger, trigger))
         meet = self._config.meet
         self._trigger_met = self._trigger_met or low - meet <= self.closure <= high + meet
@@ -188,7 +191,7 @@ class HandMapper:
 
 
 class HeadsetMapper:
-    """The mapping for one operator; pure, driven by samples and explicit times.
+    """Maps one operator's samples; pure, driven by explicit times.
 
     Attributes:
         hands: by side.
@@ -204,34 +207,29 @@ class HeadsetMapper:
         self._held: frozenset[Button] = frozenset(Button)
         self._last: float | None = None
 
-    def home(self) -> None:
-        """Put both targets to where hands rest: before the first set-point, never in a motion."""
-        for side, hand in self.hands.items():
-            hand.target.place(*home_pose(side))
-
-    def take(self, device: DeviceInput | None, now: float) -> list[GaitRequest]:
-        """Take in one sample, or None if there is no new one; returns the gaits asked for.
+    def update(self, device: DeviceInput | None, now: float) -> list[GaitRequest]:
+        """Apply a sample and return the gaits that it requests.
 
         Args:
-            device: the sample.
-            now: seconds on any steady clock.
+            device: the sample; None: there is no new one.
+            now: time on any steady clock [s].
         """
         if device is None:
             if self._last is None or now - self._last > self.config.stale_after:
-                self._let_go()
+                self._release()
             return []
         self._last = now
         yaw = head_yaw(device.head_quaternion) if device.head_tracked else None
-        self.hands["left"].take(device.left, yaw)
-        self.hands["right"].take(device.right, yaw)
+        self.hands["left"].update(device.left, yaw)
+        self.hands["right"].update(device.right, yaw)
         if device.head_tracked and self.config.head_moves_neck:
-            _, pitch, _ = to_rpy(device.head_quaternion)
+            _, pitch, _ = rpy_from_quaternion(device.head_quaternion)
             neck = JOINTS[NECK.start]
             self.neck = min(max(pitch, neck.lower), neck.upper)
         return self._gaits(device)
 
     def setpoint(self, stamp: int = 0) -> Setpoint:
-        """The set-point as it stands; ``stamp``: robot time of what the operator saw [ns]."""
+        """Return the set-point; ``stamp`` is the robot time of what the operator saw [ns]."""
         left, right = self.hands["left"], self.hands["right"]
         return Setpoint(
             header=Header(stamp=stamp),
@@ -243,14 +241,14 @@ class HeadsetMapper:
             neck_pitch=self.neck,
         )
 
-    def _let_go(self) -> None:
+    def _release(self) -> None:
         for hand in self.hands.values():
             hand.release()
-        # A button that was down before the silence is not pressed anew by the first sample after.
+        # A button held during the silence is not a press in the first sample after it.
         self._held = frozenset(Button)
 
     def _gaits(self, device: DeviceInput) -> list[GaitRequest]:
-        """A request for each button that went down with this sample."""
+        """Return a request for each button that went down with this sample."""
         held = frozenset(button for button in Button if button.held(device))
         pressed = [button for button in Button if button in held - self._held]
         self._held = held
@@ -267,15 +265,15 @@ class HeadsetMapper:
 
 
 def from_local_floor(position: Array, quaternion: Array) -> tuple[Array, Array]:
-    """WebXR's ``local-floor`` (x right, y up, z back) as the operator's floor frame.
+    """Convert a pose in WebXR's ``local-floor`` space (x right, y up, z back).
 
     Args:
         position: (3,) [m].
-        quaternion: (4,) scalar first; head and grip axes are renamed likewise, so that x looks
-            ahead.
+        quaternion: (4,) scalar first.
 
     Returns:
-        position (3,) and quaternion (4,) in x forward, y left, z up.
+        position (3,) and quaternion (4,) in a frame with x forward, y left and z up; the axes of
+        head or grip are renamed likewise, so that x points ahead.
     """
     right, up, back = position.tolist()
     w, x, y, z = quaternion.tolist()

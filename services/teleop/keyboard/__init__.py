@@ -1,1 +1,1 @@
-"""A person at a terminal as operator."""
+"""The keyboard operator: a person at a terminal."""

@@ -1,4 +1,4 @@
-"""What the keyboard operator remembers and does for each key; pure, without a terminal."""
+"""State of the keyboard operator and the effect of each key; pure, without a terminal."""
 
 import math
 from collections import deque
@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.robot.rotations import Array
 from common.runtime.service import Output
 from common.schemas import (
     Estop,
@@ -20,44 +19,56 @@ from common.schemas import (
     PlantAction,
     PlantRequest,
 )
+from common.schemas.arrays import Float64Array as Array
 from common.topics import ESTOP, PLANT_REQUEST, TELEOP_GAIT
 from services.teleop.keyboard.keymap import (
     BY_KEY,
+    Action,
     Axis,
     Command,
-    Do,
-    Look,
-    Select,
-    Shift,
-    Turn,
-    Walk,
+    MoveHands,
+    PitchHead,
+    RequestGait,
+    SelectHands,
+    TurnHands,
 )
-from services.teleop.targets.hand import SIDES, TargetLimits, home_pose
+from services.teleop.targets.hand import SIDES, MotionLimits, home_pose
 from services.teleop.targets.targets import OperatorTargets
 
 GAITS_SHOWN = 3
 ANSWER_EXPECTED = 2.0
-"""A gait request without an answer for this long is shown as unanswered [s]."""
+"""Time after which a gait request is shown as unanswered [s]."""
 
 
 class KeyboardConfig(BaseModel):
-    """Step sizes of the keys and limits of the targets."""
+    """Step sizes of the keys and speeds of the targets."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    limits: TargetLimits = TargetLimits()
-    distance_step: float = Field(default=0.02, gt=0.0, description="hand [m]")
-    angle_step: float = Field(default=math.radians(5.0), gt=0.0, description="hand, neck [rad]")
-    repeat_window: float = Field(default=1.0, gt=0.0, description="for keys pressed twice [s]")
-    push_force: float = Field(default=80.0, gt=0.0, description="on the torso, forward [N]")
+    limits: MotionLimits = MotionLimits()
+    distance_step: float = Field(default=0.02, gt=0.0, description="step of a hand [m]")
+    angle_step: float = Field(
+        default=math.radians(5.0), gt=0.0, description="step of a hand or the neck [rad]"
+    )
+    repeat_window: float = Field(
+        default=1.0, gt=0.0, description="between two presses of a key that needs both [s]"
+    )
+    push_force: float = Field(
+        default=80.0, gt=0.0, description="force of a push on the torso, forward [N]"
+    )
     push_duration: float = Field(default=0.1, gt=0.0, le=5.0, description="[s]")
 
 
 @dataclass(frozen=True)
-class Asked:
-    """One gait request and what is known of it.
+class SentRequest:
+    """A gait request and its latest answer.
 
-    ``outcome`` is None before any answer; ``since`` is the operator's time [s] of the last news.
+    Attributes:
+        request_id: of the request.
+        gait: requested.
+        since: operator's time of the last change [s].
+        outcome: None before any answer.
+        reason: of a refusal or abortion.
     """
 
     request_id: int
@@ -67,7 +78,7 @@ class Asked:
     reason: str = ""
 
     def describe(self, now: float) -> str:
-        """One line for the screen; ``now`` is the operator's time [s]."""
+        """Return one line for the screen; ``now`` is the operator's time [s]."""
         name = self.gait.name.lower().replace("_", " ")
         if self.outcome is None:
             waited = now - self.since
@@ -80,25 +91,25 @@ class Asked:
 
 @dataclass
 class Console:
-    """The keyboard operator's state.
+    """State of the keyboard operator.
 
     Attributes:
         config: step sizes.
         targets: hands, grippers, neck.
         next_id: id of the next gait request.
-        selected: sides that the hand keys move.
-        asked: the last gait requests, oldest first.
-        notice: last thing to tell the person.
-        watching: why commands to the robot are held back; empty when they are not.
-        paused: whether the plant says that it is paused.
-        quit: the person wants to leave.
+        selected: sides of the hands that the keys move.
+        requests: the last gait requests, oldest first.
+        notice: last message to the person.
+        watching: reason for which commands to the robot are held back; empty: they are not.
+        paused: whether the plant is paused.
+        quit: whether the person wants to quit.
     """
 
     config: KeyboardConfig = field(default_factory=KeyboardConfig)
     targets: OperatorTargets = field(init=False)
     next_id: int = 0
     selected: tuple[str, ...] = ("left",)
-    asked: deque[Asked] = field(default_factory=lambda: deque(maxlen=GAITS_SHOWN))
+    requests: deque[SentRequest] = field(default_factory=lambda: deque(maxlen=GAITS_SHOWN))
     notice: str = ""
     watching: str = ""
     paused: bool = False
@@ -110,9 +121,12 @@ class Console:
         self._home(SIDES)
 
     def press(self, key: str, now: float, stamp: int) -> list[Output]:
-        """Act on a key pressed at the operator's time ``now`` [s].
+        """Return the messages to send for a key.
 
-        ``stamp`` is the last known robot time [ns], for what is sent.
+        Args:
+            key: name of the key.
+            now: operator's time [s].
+            stamp: last known robot time [ns].
         """
         binding = BY_KEY.get(key)
         if binding is None:
@@ -131,38 +145,38 @@ class Console:
         self.notice = binding.help
         return self._act(command, now, Header(stamp=stamp))
 
-    def hear(self, replies: Iterable[GaitReply], now: float) -> None:
-        """Match replies with requests; those to other operators are left alone."""
+    def update_requests(self, replies: Iterable[GaitReply], now: float) -> None:
+        """Update the sent requests with replies; replies to other operators are ignored."""
         for reply in replies:
-            for index, asked in enumerate(self.asked):
-                if asked.request_id == reply.request_id:
-                    self.asked[index] = replace(
-                        asked, outcome=reply.outcome, reason=reply.reason, since=now
+            for index, sent in enumerate(self.requests):
+                if sent.request_id == reply.request_id:
+                    self.requests[index] = replace(
+                        sent, outcome=reply.outcome, reason=reply.reason, since=now
                     )
                     if reply.outcome in {GaitOutcome.REFUSED, GaitOutcome.ABORTED}:
                         self.notice = f"{reply.outcome.name.lower()}: {reply.reason}"
 
     def _act(self, command: Command, now: float, header: Header) -> list[Output]:
         match command:
-            case Walk(gait):
+            case RequestGait(gait):
                 request = GaitRequest(header=header, request_id=self.next_id, gait=gait)
                 self.next_id += 1
-                self.asked.append(Asked(request.request_id, gait, now))
+                self.requests.append(SentRequest(request.request_id, gait, now))
                 return [Output(TELEOP_GAIT, request)]
-            case Select(sides):
+            case SelectHands(sides):
                 self.selected = sides
-            case Shift(axis, sign):
-                self._each(lambda side: self._shift(side, axis, sign))
-            case Turn(axis, sign):
-                self._each(lambda side: self._turn(side, axis, sign))
-            case Look(sign):
+            case MoveHands(axis, sign):
+                self._for_selected(lambda side: self._shift(side, axis, sign))
+            case TurnHands(axis, sign):
+                self._for_selected(lambda side: self._turn(side, axis, sign))
+            case PitchHead(sign):
                 self.targets.look(self.targets.goal_neck + sign * self.config.angle_step)
-            case Do():
-                return self._do(command, header)
+            case Action():
+                return self._run(command, header)
         return []
 
-    def _do(self, command: Do, header: Header) -> list[Output]:
-        match command.what:
+    def _run(self, command: Action, header: Header) -> list[Output]:
+        match command.name:
             case "grip":
                 self._grip()
             case "home":
@@ -182,7 +196,7 @@ class Console:
                 self.quit = True
         return []
 
-    def _each(self, act: Callable[[str], None]) -> None:
+    def _for_selected(self, act: Callable[[str], None]) -> None:
         for side in self.selected:
             act(side)
 
@@ -193,7 +207,7 @@ class Console:
         self.targets.hands[side].turn(_along(axis, sign * self.config.angle_step))
 
     def _grip(self) -> None:
-        """Close the selected grippers, or open them if all of them are closing or closed."""
+        """Close the selected grippers, or open them if all are closed or closing."""
         goals = [self.targets.goal_closure[SIDES.index(side)] for side in self.selected]
         closure = 0.0 if all(goal > 0.5 for goal in goals) else 1.0
         for side in self.selected:
@@ -202,7 +216,7 @@ class Console:
 
     def _home(self, sides: Sequence[str]) -> None:
         for side in sides:
-            self.targets.hands[side].go_to(*home_pose(side))
+            self.targets.hands[side].go_to(home_pose(side))
 
     def _push(self, header: Header) -> PlantRequest:
         return PlantRequest(
@@ -214,10 +228,10 @@ class Console:
 
 
 def _moves_robot(command: Command) -> bool:
-    """Whether a command competes with another operator's; stopping the robot never does."""
-    if isinstance(command, Do):
-        return command.what in {"grip", "home"}
-    return not isinstance(command, Select)
+    """Return whether a command moves the robot and so competes with another operator."""
+    if isinstance(command, Action):
+        return command.name in {"grip", "home"}
+    return not isinstance(command, SelectHands)
 
 
 def _along(axis: Axis, length: float) -> Array:

@@ -1,6 +1,6 @@
-"""From bytes of a terminal to keys, and from keys to what the operator wants; pure.
+"""Keys of the keyboard operator: decoding of terminal input, and bindings; pure.
 
-:data:`KEYMAP` is the only place where keys are bound; the help on the screen is made from it.
+:data:`KEYMAP` holds all bindings; the help on the screen is generated from it.
 """
 
 import re
@@ -13,21 +13,21 @@ Axis = Literal["x", "y", "z"]
 
 
 @dataclass(frozen=True)
-class Walk:
+class RequestGait:
     """Request a gait."""
 
     gait: Gait
 
 
 @dataclass(frozen=True)
-class Select:
-    """Choose the hands that the hand keys move."""
+class SelectHands:
+    """Select the hands that the hand keys move."""
 
     sides: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class Shift:
+class MoveHands:
     """Move the selected hands one step along a body axis."""
 
     axis: Axis
@@ -35,33 +35,40 @@ class Shift:
 
 
 @dataclass(frozen=True)
-class Turn:
-    """Turn the selected hands one step about a body axis."""
+class TurnHands:
+    """Rotate the selected hands one step about a body axis."""
 
     axis: Axis
     sign: int
 
 
 @dataclass(frozen=True)
-class Look:
+class PitchHead:
     """Pitch the head one step; positive looks down."""
 
     sign: int
 
 
 @dataclass(frozen=True)
-class Do:
-    """Anything without a parameter."""
+class Action:
+    """An action without parameters."""
 
-    what: Literal["grip", "home", "push", "pause", "reset", "estop", "quit"]
+    name: Literal["grip", "home", "push", "pause", "reset", "estop", "quit"]
 
 
-Command = Walk | Select | Shift | Turn | Look | Do
+Command = RequestGait | SelectHands | MoveHands | TurnHands | PitchHead | Action
 
 
 @dataclass(frozen=True)
 class Binding:
-    """Keys and what they ask for; ``twice``: only when pressed twice in a row."""
+    """Keys and their command.
+
+    Attributes:
+        keys: any of them.
+        command: what they do.
+        help: for the screen.
+        twice: whether the key must be pressed twice in a row.
+    """
 
     keys: tuple[str, ...]
     command: Command
@@ -70,43 +77,43 @@ class Binding:
 
     @property
     def label(self) -> str:
-        """The keys as the help shows them."""
+        """Keys as shown in the help."""
         return " ".join(self.keys * 2) if self.twice else " ".join(self.keys)
 
 
 KEYMAP: Final[tuple[Binding, ...]] = (
-    Binding(("w",), Walk(Gait.FORWARD), "walk forward"),
-    Binding(("s",), Walk(Gait.BACKWARD), "walk backward"),
-    Binding(("a",), Walk(Gait.TURN_LEFT), "turn left"),
-    Binding(("d",), Walk(Gait.TURN_RIGHT), "turn right"),
-    Binding(("q",), Walk(Gait.SIDE_LEFT), "step left"),
-    Binding(("e",), Walk(Gait.SIDE_RIGHT), "step right"),
-    Binding(("1",), Select(("left",)), "select left hand"),
-    Binding(("2",), Select(("right",)), "select right hand"),
-    Binding(("3",), Select(("left", "right")), "select both"),
-    Binding(("h",), Do("home"), "hand home"),
-    Binding(("i", "up"), Shift("x", 1), "hand forward"),
-    Binding(("k", "down"), Shift("x", -1), "hand back"),
-    Binding(("j", "left"), Shift("y", 1), "hand left"),
-    Binding(("l", "right"), Shift("y", -1), "hand right"),
-    Binding(("u",), Shift("z", 1), "hand up"),
-    Binding(("o",), Shift("z", -1), "hand down"),
-    Binding(("g",), Do("grip"), "grip / release"),
-    Binding(("n",), Look(-1), "look up"),
-    Binding(("m",), Look(1), "look down"),
-    Binding(("space",), Do("pause"), "pause / resume"),
-    Binding(("t",), Turn("x", -1), "roll left"),
-    Binding(("y",), Turn("x", 1), "roll right"),
-    Binding(("f",), Turn("y", -1), "pitch up"),
-    Binding(("v",), Turn("y", 1), "pitch down"),
-    Binding(("z",), Turn("z", 1), "yaw left"),
-    Binding(("c",), Turn("z", -1), "yaw right"),
-    Binding(("p",), Do("push"), "push the torso"),
-    Binding(("r",), Do("reset"), "reset the plant", twice=True),
-    Binding(("x",), Do("estop"), "EMERGENCY STOP", twice=True),
-    Binding(("Esc",), Do("quit"), "quit (or Ctrl-C)"),
+    Binding(("w",), RequestGait(Gait.FORWARD), "walk forward"),
+    Binding(("s",), RequestGait(Gait.BACKWARD), "walk backward"),
+    Binding(("a",), RequestGait(Gait.TURN_LEFT), "turn left"),
+    Binding(("d",), RequestGait(Gait.TURN_RIGHT), "turn right"),
+    Binding(("q",), RequestGait(Gait.SIDE_LEFT), "step left"),
+    Binding(("e",), RequestGait(Gait.SIDE_RIGHT), "step right"),
+    Binding(("1",), SelectHands(("left",)), "select left hand"),
+    Binding(("2",), SelectHands(("right",)), "select right hand"),
+    Binding(("3",), SelectHands(("left", "right")), "select both"),
+    Binding(("h",), Action("home"), "hand home"),
+    Binding(("i", "up"), MoveHands("x", 1), "hand forward"),
+    Binding(("k", "down"), MoveHands("x", -1), "hand back"),
+    Binding(("j", "left"), MoveHands("y", 1), "hand left"),
+    Binding(("l", "right"), MoveHands("y", -1), "hand right"),
+    Binding(("u",), MoveHands("z", 1), "hand up"),
+    Binding(("o",), MoveHands("z", -1), "hand down"),
+    Binding(("g",), Action("grip"), "grip / release"),
+    Binding(("n",), PitchHead(-1), "look up"),
+    Binding(("m",), PitchHead(1), "look down"),
+    Binding(("space",), Action("pause"), "pause / resume"),
+    Binding(("t",), TurnHands("x", -1), "roll left"),
+    Binding(("y",), TurnHands("x", 1), "roll right"),
+    Binding(("f",), TurnHands("y", -1), "pitch up"),
+    Binding(("v",), TurnHands("y", 1), "pitch down"),
+    Binding(("z",), TurnHands("z", 1), "yaw left"),
+    Binding(("c",), TurnHands("z", -1), "yaw right"),
+    Binding(("p",), Action("push"), "push the torso"),
+    Binding(("r",), Action("reset"), "reset the plant", twice=True),
+    Binding(("x",), Action("estop"), "EMERGENCY STOP", twice=True),
+    Binding(("Esc",), Action("quit"), "quit (or Ctrl-C)"),
 )
-"""Every key there is, column by column as the help shows them."""
+"""All bindings, column by column as in the help."""
 
 BY_KEY: Final[dict[str, Binding]] = {key: b for b in KEYMAP for key in b.keys}
 
@@ -118,21 +125,21 @@ _SEQUENCE: Final = re.compile(
     rf"|{_PARAMETERS}(?P<csi>[@-~])|\x1bO(?P<ss3>.)|\x1b(?P<alt>.)|(?P<key>.)",
     re.DOTALL,
 )
-"""One key, or the part of one at the end of what has arrived (ECMA-48 control sequences)."""
+"""One key, or the incomplete one at the end of the input (ECMA-48 control sequences)."""
 
 
 class KeyDecoder:
-    """Turns what a terminal sends into key names.
+    """Decodes the bytes of a terminal into names of keys.
 
-    A lone Esc and the start of an arrow key's sequence are the same byte: an Esc counts as the
-    key only when nothing has followed by the next :meth:`feed`.
+    Esc and the first byte of an arrow key are the same: an Esc counts as a key only if nothing has
+    followed by the next :meth:`feed`.
     """
 
     def __init__(self) -> None:
         self._pending = b""
 
     def feed(self, data: bytes) -> list[str]:
-        """Keys completed by ``data``; call it with nothing, too, once per poll."""
+        """Return the keys completed by ``data``; call it at every poll, also without data."""
         if not data:
             waiting, self._pending = self._pending, b""
             if not waiting:

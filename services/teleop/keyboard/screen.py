@@ -1,4 +1,4 @@
-"""The keyboard operator's screen as lines of text, at most 80 by 24; pure."""
+"""The keyboard operator's screen: at most 80 by 24 characters; pure."""
 
 from dataclasses import dataclass
 from math import degrees, inf
@@ -16,14 +16,14 @@ BOLD, RED, PLAIN = "\x1b[1m", "\x1b[1;31m", "\x1b[0m"
 
 @dataclass(frozen=True)
 class Feedback:
-    """What the robot says, and how old that is [s] (infinity: nothing yet).
+    """Latest messages of the robot, and their ages [s] (infinity: none yet).
 
     Attributes:
         controller, controller_age: last controller state.
         plant, plant_age: last plant status.
-        script: a script that another operator is playing, if any.
-        falls: falls seen since this operator started.
-        sight: how far the left eye's picture is behind the robot; None without pictures.
+        script: status of another operator that plays a script; None: none.
+        falls: falls since this operator started.
+        picture_delay: delay of the left camera's picture behind the robot [s]; None: no picture.
     """
 
     controller: ControllerState | None = None
@@ -32,11 +32,11 @@ class Feedback:
     plant_age: float = inf
     script: OperatorStatus | None = None
     falls: int = 0
-    sight: float | None = None
+    picture_delay: float | None = None
 
 
 def render(console: Console, feedback: Feedback, now: float) -> list[str]:
-    """The whole screen; ``now`` is the operator's time [s]. Lines may hold colour codes."""
+    """Return the lines of the screen, with colour codes; ``now`` is the operator's time [s]."""
     return [
         _controller_line(feedback),
         _tracking_line(feedback),
@@ -54,7 +54,7 @@ def render(console: Console, feedback: Feedback, now: float) -> list[str]:
 
 
 def help_lines() -> list[str]:
-    """Every key and what it does, in columns."""
+    """Return all keys and what they do, in columns."""
     width = WIDTH // HELP_COLUMNS
     cells = [f" {binding.label:>7} {binding.help}" for binding in KEYMAP]
     return [
@@ -114,17 +114,21 @@ def _hand_line(console: Console, side: str, feedback: Feedback) -> str:
 
 
 def _head_line(console: Console, feedback: Feedback) -> str:
-    seen = "" if feedback.sight is None else f"   sees {1e3 * feedback.sight:.0f} ms behind"
+    seen = (
+        ""
+        if feedback.picture_delay is None
+        else f"   sees {1e3 * feedback.picture_delay:.0f} ms behind"
+    )
     return f"   head {degrees(console.targets.neck):+7.0f}° down{seen}"
 
 
 def _gait_lines(console: Console, now: float) -> list[str]:
-    """Newest last, always as many lines, so that nothing below them jumps."""
+    """Return a constant number of lines, newest request last."""
     lines = []
-    for asked in console.asked:
-        text = asked.describe(now)[: WIDTH - 12]
+    for request in console.requests:
+        text = request.describe(now)[: WIDTH - 12]
         lines.append(f"gait        {RED if text != text.lower() else ''}{text}{PLAIN}")
-    return lines + [""] * ((console.asked.maxlen or 0) - len(lines))
+    return lines + [""] * ((console.requests.maxlen or 0) - len(lines))
 
 
 def _script_line(feedback: Feedback) -> str:

@@ -1,4 +1,4 @@
-"""A person at a terminal as the operator: keys in, set-points and requests out."""
+"""The keyboard operator as a service."""
 
 from collections.abc import Sequence
 
@@ -23,24 +23,24 @@ from services.teleop.keyboard.terminal import Screen
 PERIOD_NS = 50_000_000
 """Set-points at 20 Hz."""
 LONGEST_STEP = 0.1
-"""A step that comes later than this moves no further [s]."""
+"""Largest time by which one step moves the targets [s]."""
 LISTENING = 1.0
-"""At the start: time to hear whether another operator is at work [s]."""
+"""Time at the start to detect another operator [s]."""
 
 
 class KeyboardOperator(Service):
-    """Publishes set-points at 20 Hz, and what the keys ask for.
+    """Publishes set-points at 20 Hz, and requests of the keys.
 
-    For its first second, and as long as a script is running, it only watches: it sends nothing
-    that moves the robot, follows the other operator's set-points and then takes over from them
-    without a jump. Emergency stop, reset and pause work always. Request ids start at the
-    runner's clock in milliseconds.
+    In its first second, and while a script is running, it only watches: it sends nothing that moves
+    the robot, follows the other operator's set-points, and then takes over from them without a
+    jump. Emergency stop, reset and pause always work. Request ids start at the runner's clock in
+    milliseconds.
 
-    It draws no pictures, but hears the left eye and tells how far behind the robot it is: the
-    delay with which a person would see.
+    It shows no pictures, but the delay of the left camera's behind the robot, with which a person
+    would see.
     """
 
-    # Not "teleop": it may run beside a scripted operator, which has that name and its port.
+    # Not "teleop": it may run beside a scripted operator, which has that name and port.
     name = "keyboard"
     period_ns = PERIOD_NS
     reads = (WBC_STATE, WBC_REPLY, PLANT_STATUS, TELEOP_STATUS, TELEOP_SETPOINT, CAMERA_LEFT)
@@ -58,7 +58,7 @@ class KeyboardOperator(Service):
         self._was_fallen = False
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
-        """Take the keys, advance and draw; see :class:`common.runtime.service.Service`."""
+        """Handle keys, advance and draw; see :class:`common.runtime.service.Service`."""
         if self._start_ns is None:
             self._start_ns, self._last_ns = now_ns, now_ns - self.period_ns
             self.console.next_id = now_ns // 1_000_000
@@ -68,11 +68,11 @@ class KeyboardOperator(Service):
 
         feedback = self._feedback(inputs)
         self._arbitrate(inputs, feedback.script, now)
-        self.console.hear(inputs.events(WBC_REPLY), now)
+        self.console.update_requests(inputs.events(WBC_REPLY), now)
         stamp = 0 if feedback.controller is None else feedback.controller.header.stamp
         outputs = self._keys(now, stamp)
         if not self.console.watching:
-            self.console.targets.advance(dt, smooth=True)
+            self.console.targets.advance(dt)
             outputs.append(Output(TELEOP_SETPOINT, self.console.targets.setpoint(stamp)))
         lines = render(self.console, feedback, now)
         if lines != self._drawn:
@@ -81,7 +81,7 @@ class KeyboardOperator(Service):
         return outputs
 
     def close(self) -> None:
-        """Give the terminal back."""
+        """Restore the terminal."""
         self._screen.close()
 
     def _keys(self, now: float, stamp: int) -> list[Output]:
@@ -110,19 +110,19 @@ class KeyboardOperator(Service):
             plant_age=inputs.age(PLANT_STATUS),
             script=script if running else None,
             falls=self._falls,
-            sight=self._sight(inputs),
+            picture_delay=self._picture_delay(inputs),
         )
 
     @staticmethod
-    def _sight(inputs: Inputs) -> float | None:
-        """How far the left eye's picture is behind the robot, in robot time [s]; None: blind."""
+    def _picture_delay(inputs: Inputs) -> float | None:
+        """Return the left picture's delay behind the robot in robot time [s]; None: no picture."""
         controller, picture = inputs.latest(WBC_STATE), inputs.latest(CAMERA_LEFT)
         if controller is None or picture is None or not inputs.fresh(CAMERA_LEFT):
             return None
         return max(0.0, 1e-9 * (controller.header.stamp - picture.header.stamp))
 
     def _arbitrate(self, inputs: Inputs, script: OperatorStatus | None, now: float) -> None:
-        """Decide whether this operator commands or watches."""
+        """Decide whether this operator commands or only watches."""
         other = inputs.latest(TELEOP_SETPOINT) if inputs.fresh(TELEOP_SETPOINT) else None
         watched = self.console.watching
         if script is not None:

@@ -1,4 +1,4 @@
-"""The terminal: unbuffered keys, a screen of its own, and its restoration on every way out."""
+"""The terminal: unbuffered keys, an alternate screen, and its restoration at every exit."""
 
 import atexit
 import contextlib
@@ -17,39 +17,39 @@ from services.teleop.errors import TerminalError
 ENTER = b"\x1b[?1049h\x1b[?25l\x1b[?7l\x1b[2J"
 """Alternate screen, cursor hidden, long lines cut (xterm control sequences)."""
 LEAVE = b"\x1b[?7h\x1b[?25h\x1b[?1049l"
-GUARDIAN = Path(__file__).with_name("guardian.py")
+WATCHDOG = Path(__file__).with_name("watchdog.py")
 STDERR = 2
 
 
 class Screen(Protocol):
-    """Where keys come from and the picture goes to."""
+    """Source of keys and target of the drawn lines."""
 
     def read(self) -> bytes | None:
-        """What was typed since the last call, without waiting; None: the terminal is gone."""
+        """Return the bytes typed since the last call, at once; None: the terminal is gone."""
         ...
 
     def draw(self, lines: Sequence[str]) -> None:
-        """Show ``lines`` from the top."""
+        """Draw ``lines`` from the top."""
         ...
 
     def close(self) -> None:
-        """Give the terminal back as it was; may be called again."""
+        """Restore the terminal; may be called again."""
         ...
 
 
 class Terminal:
-    r"""The terminal of this process, taken at the first use and given back by :meth:`close`.
+    r"""The terminal of this process, set up at the first use and restored by :meth:`close`.
 
     Ctrl-C still raises SIGINT; Ctrl-Z, Ctrl-\ and Ctrl-S, which would leave the robot without
-    set-points, do nothing. What is written to standard error meanwhile would spoil the picture
-    and vanish with it, so it is held back and written by :meth:`close`.
+    set-points, do nothing. Standard error would disturb the screen and be lost with it, so it is
+    held back until :meth:`close`.
     """
 
     def __init__(self) -> None:
         """Check that there is a terminal.
 
         Raises:
-            TerminalError: input or output is no terminal.
+            TerminalError: input or output is not a terminal.
         """
         self._input, self._output = sys.stdin.fileno(), sys.stdout.fileno()
         for stream, number in (("input", self._input), ("output", self._output)):
@@ -59,7 +59,7 @@ class Terminal:
                     "run it in a terminal of its own, or use the scripted operator"
                 )
         self._saved: list[Any] | None = None
-        self._guardian: subprocess.Popen[bytes] | None = None
+        self._watchdog: subprocess.Popen[bytes] | None = None
         self._held_back: tuple[int, IO[bytes]] | None = None
         self._shown: tuple[os.terminal_size, list[str]] | None = None
 
@@ -74,7 +74,7 @@ class Terminal:
             return None
 
     def draw(self, lines: Sequence[str]) -> None:
-        """See :class:`Screen`; a terminal that takes no output at the moment is not waited for."""
+        """See :class:`Screen`; nothing is drawn while the terminal does not accept output."""
         self._open()
         if not select.select([], [self._output], [], 0)[1]:
             return
@@ -96,22 +96,22 @@ class Terminal:
         if saved is None:
             return
         atexit.unregister(self.close)
-        # The terminal may be gone by now, as after a lost connection.
+        # The terminal may not exist any more, as after a lost connection.
         with contextlib.suppress(OSError, termios.error):
             os.write(self._output, LEAVE)
-            # What was typed but not read must not land in the shell.
+            # Keys that were typed but not read must not go to the shell.
             termios.tcflush(self._input, termios.TCIFLUSH)
             termios.tcsetattr(self._input, termios.TCSANOW, saved)
         self._release_errors()
-        if self._guardian is not None:
-            self._guardian.communicate(b"left in order")
+        if self._watchdog is not None:
+            self._watchdog.communicate(b"left in order")
 
     def _open(self) -> None:
         if self._saved is not None:
             return
         saved = termios.tcgetattr(self._input)
-        self._guardian = subprocess.Popen(
-            [sys.executable, "-I", "-S", str(GUARDIAN), repr(saved), repr(LEAVE)],
+        self._watchdog = subprocess.Popen(
+            [sys.executable, "-I", "-S", str(WATCHDOG), repr(saved), repr(LEAVE)],
             stdin=subprocess.PIPE,
             stdout=self._output,
             stderr=subprocess.DEVNULL,

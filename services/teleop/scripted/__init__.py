@@ -1,1 +1,1 @@
-"""An operator that plays a script."""
+"""The scripted operator: plays a script."""

@@ -1,8 +1,8 @@
-"""Asking for gaits: request, answer, retry and completion, over links that lose and delay.
+"""Client for gait requests: answer, retry and completion over links with loss and delay.
 
-A request keeps its id when it is sent again for want of an answer, so a controller that saw the
-first copy can tell; after a refusal a new request with a new id is made. What the controller's
-state shows counts as an answer too, so that one lost reply does not end a script.
+A request that is sent again without an answer keeps its id, so that the controller can recognise
+it; after a refusal a new request gets a new id. The controller's state counts as an answer too, so
+that a lost reply does not end a script.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -15,33 +15,41 @@ from services.teleop.errors import ScriptError
 
 
 class GaitPatience(BaseModel):
-    """How long and how often the operator tries."""
+    """Timeouts and retries of gait requests."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    reply_timeout: float = Field(default=2.0, gt=0.0, description="then sent again [s]")
-    resends: int = Field(default=3, ge=0, description="of one request without an answer")
-    refusal_pause: float = Field(default=0.5, ge=0.0, description="before asking again [s]")
-    refusals: int = Field(default=10, ge=1, description="of one gait before giving up")
-    completion_timeout: float = Field(default=30.0, gt=0.0, description="after acceptance [s]")
+    reply_timeout: float = Field(
+        default=2.0,
+        gt=0.0,
+        description="time without an answer after which a request is sent again [s]",
+    )
+    resends: int = Field(default=3, ge=0, description="largest number of repetitions of a request")
+    refusal_pause: float = Field(
+        default=0.5, ge=0.0, description="between a refusal and the next request [s]"
+    )
+    refusals: int = Field(default=10, ge=1, description="of one gait after which the script fails")
+    completion_timeout: float = Field(
+        default=30.0, gt=0.0, description="from acceptance to completion [s]"
+    )
     balance_grace: float = Field(
         default=2.0,
         gt=0.0,
-        description="balancing this long, one gait more completed: the reply was lost [s]",
+        description="time in BALANCE with one more gait completed that replaces a lost reply [s]",
     )
 
 
 @dataclass
 class GaitClient:
-    """Holds one conversation with the controller at a time.
+    """Handles one gait request at a time.
 
     Attributes:
         patience: timeouts and retries.
         next_id: id of the next request; later ids are larger.
         dt: time since the last tick [s].
-        replies: replies heard this tick.
+        replies: received in this tick.
         controller: the controller's last state if it is fresh, else None.
-        completed: gaits the controller has completed, as far as is known here.
+        completed: gaits completed so far; None: unknown.
         outbox: requests to publish after this tick.
     """
 
@@ -53,20 +61,21 @@ class GaitClient:
     completed: int | None = None
     outbox: list[GaitRequest] = field(default_factory=list)
 
-    def hear(
+    def update(
         self, dt: float, replies: Sequence[GaitReply], controller: ControllerState | None
     ) -> None:
-        """Take in what one tick brought."""
+        """Take in the time, the replies and the controller state of one tick."""
         self.dt, self.replies, self.controller = dt, replies, controller
 
     def perform(self, gait: Gait) -> Iterator[None]:
-        """Ask for ``gait`` until it is accepted, then wait for its end; yields once a tick.
+        """Request ``gait`` until it is accepted, then wait for its end; yields once a tick.
 
         Raises:
-            ScriptError: refused too often, never answered, aborted, or not completed in time.
+            ScriptError: the gait was refused too often, not answered, aborted, or not completed in
+                time.
         """
         for refusal in range(1, self.patience.refusals + 1):
-            refused = yield from self._converse(gait)
+            refused = yield from self._request(gait)
             if refused is None:
                 return
             if refusal < self.patience.refusals:
@@ -81,29 +90,29 @@ class GaitClient:
             yield
             elapsed += self.dt
 
-    def _converse(self, gait: Gait) -> Generator[None, None, str | None]:
-        """One request; returns None when the gait was completed, else why it was refused."""
+    def _request(self, gait: Gait) -> Generator[None, None, str | None]:
+        """Send one request; returns None when the gait is completed, else the refusal's reason."""
         request = GaitRequest(request_id=self.next_id, gait=gait)
         self.next_id += 1
         if self.controller is not None:
-            # The state may be older than the last reply, which counted one gait more.
+            # The state may be older than the last reply, which counted one more gait.
             self.completed = max(self.completed or 0, self.controller.gaits_completed)
-        talk = PendingRequest(request, self.completed)
+        pending = PendingRequest(request, self.completed)
         while True:
-            if talk.wants_sending(self.patience):
+            if pending.wants_sending(self.patience):
                 self.outbox.append(request)
             yield
-            outcome = talk.listen(self)
+            outcome = pending.poll(self)
             if outcome is GaitOutcome.COMPLETED:
                 if self.completed is not None:
                     self.completed += 1
                 return None
             if outcome is GaitOutcome.REFUSED:
-                return talk.reason
+                return pending.reason
 
 
 class PendingRequest:
-    """One request and what has been heard about it."""
+    """A request and what is known about it."""
 
     def __init__(self, request: GaitRequest, completed_before: int | None) -> None:
         self.request = request
@@ -116,10 +125,10 @@ class PendingRequest:
         self.balancing = 0.0
 
     def wants_sending(self, patience: GaitPatience) -> bool:
-        """Whether the request is due (again) now.
+        """Return whether the request must be sent (again) now.
 
         Raises:
-            ScriptError: it was sent often enough.
+            ScriptError: it was sent too often.
         """
         if self.accepted or (self.sent and self.waited < patience.reply_timeout):
             return False
@@ -132,14 +141,14 @@ class PendingRequest:
         self.waited = 0.0
         return True
 
-    def listen(self, desk: GaitClient) -> GaitOutcome | None:
-        """What became of the request by this tick; None while that is open.
+    def poll(self, client: GaitClient) -> GaitOutcome | None:
+        """Return the outcome of the request; None while it is open.
 
         Raises:
             ScriptError: the gait was aborted or takes too long.
         """
-        self.waited += desk.dt
-        for reply in desk.replies:
+        self.waited += client.dt
+        for reply in client.replies:
             if reply.request_id == self.request.request_id:
                 # A refusal after acceptance answers a second copy of the request.
                 if reply.outcome is GaitOutcome.REFUSED and self.accepted:
@@ -147,14 +156,14 @@ class PendingRequest:
                 outcome = self._take(reply)
                 if outcome is not None:
                     return outcome
-        if desk.controller is not None:
-            self._watch(desk.controller, desk)
-        if self.balancing >= desk.patience.balance_grace:
+        if client.controller is not None:
+            self._watch(client.controller, client)
+        if self.balancing >= client.patience.balance_grace:
             return GaitOutcome.COMPLETED
-        if self.accepted and self.waited > desk.patience.completion_timeout:
+        if self.accepted and self.waited > client.patience.completion_timeout:
             raise ScriptError(
                 f"{self.name} was accepted but not completed within "
-                f"{desk.patience.completion_timeout:g} s"
+                f"{client.patience.completion_timeout:g} s"
             )
         return None
 
@@ -171,13 +180,15 @@ class PendingRequest:
         if not self.accepted:
             self.accepted, self.waited = True, 0.0
 
-    def _watch(self, state: ControllerState, desk: GaitClient) -> None:
-        """Make up for lost replies from the controller's state."""
+    def _watch(self, state: ControllerState, client: GaitClient) -> None:
+        """Infer lost replies from the controller's state."""
         before = self.completed_before
         one_more = before is not None and state.gaits_completed > before
-        if self.waited >= desk.patience.reply_timeout:
+        if self.waited >= client.patience.reply_timeout:
             walking = state.gait is self.request.gait
             if walking or one_more:
                 self._accept()
         at_rest = state.state is ControlState.BALANCE and state.gait is Gait.NONE
-        self.balancing = self.balancing + desk.dt if self.accepted and at_rest and one_more else 0.0
+        self.balancing = (
+            self.balancing + client.dt if self.accepted and at_rest and one_more else 0.0
+        )

@@ -1,4 +1,4 @@
-"""The scripts that come with the operator."""
+"""Built-in scripts."""
 
 import random
 from collections.abc import Callable
@@ -33,7 +33,7 @@ REACH_DOWN: Final = HandPose(position=(0.40, 0.20, 0.02), rotation=(0.0, 0.3, 0.
 
 @dataclass(frozen=True)
 class ScriptOptions:
-    """What the parametrised scripts take.
+    """Parameters of the built-in scripts.
 
     Attributes:
         gait: for ``gaits``.
@@ -49,7 +49,7 @@ class ScriptOptions:
 
 
 def both(pose: HandPose, duration: float) -> Move:
-    """Bring the left hand to ``pose`` and the right one to its mirror image."""
+    """Return the move of the left hand to ``pose`` and of the right one to its mirror image."""
     return Move(left=pose, right=pose.mirrored(), duration=duration)
 
 
@@ -79,7 +79,7 @@ def _reach_and_grip() -> tuple[Step, ...]:
 
 
 def demo(_options: ScriptOptions) -> Script:
-    """All six gaits, hands moving standing and walking, both grippers, a reach: about a minute."""
+    """Return the demo: all gaits, hands moving while standing and walking, grippers, a reach."""
     while_walking = (
         Mark(label="walk forward, hands at rest"),
         Walk(gait=Gait.FORWARD),
@@ -133,7 +133,7 @@ def demo(_options: ScriptOptions) -> Script:
 
 
 def stand(options: ScriptOptions) -> Script:
-    """Stand for ``seconds``, hands swinging."""
+    """Return a script that stands for ``seconds`` with swinging hands."""
     half = options.seconds / 2
     return Script(
         name="stand",
@@ -147,7 +147,7 @@ def stand(options: ScriptOptions) -> Script:
 
 
 def gaits(options: ScriptOptions) -> Script:
-    """One gait, ``count`` times, hands at rest."""
+    """Return a script of one gait, ``count`` times, with hands at rest."""
     name = options.gait.name.lower()
     walks: list[Step] = []
     for number in range(1, options.count + 1):
@@ -156,7 +156,7 @@ def gaits(options: ScriptOptions) -> Script:
 
 
 def random_walk(options: ScriptOptions) -> Script:
-    """``count`` gaits drawn at random, both hands moving meanwhile; the seed decides all of it."""
+    """Return a script of ``count`` random gaits with moving hands, determined by the seed."""
     draw = random.Random(options.seed)
     moving: list[Step] = []
     for number in range(1, options.count + 1):
@@ -170,7 +170,7 @@ def random_walk(options: ScriptOptions) -> Script:
 
 
 def _pose(draw: random.Random) -> HandPose:
-    """A pose of the left hand in a box that inverse kinematics reaches everywhere."""
+    """Draw a pose of the left hand in a box that is reachable everywhere."""
     return HandPose(
         position=(draw.uniform(0.28, 0.38), draw.uniform(0.20, 0.29), draw.uniform(-0.02, 0.08)),
         rotation=(draw.uniform(0.0, 0.3), draw.uniform(0.0, 0.25), draw.uniform(-0.1, 0.0)),
@@ -187,10 +187,10 @@ SCRIPTS: Final[dict[str, Callable[[ScriptOptions], Script]]] = {
 
 
 def script_named(name: str, options: ScriptOptions) -> Script:
-    """The built-in script ``name``, or the one in the JSON file of that path.
+    """Return the built-in script ``name``, or the script in the JSON file of that path.
 
     Raises:
-        ConfigError: there is no such script, or the file is not one.
+        ConfigError: the name is unknown, or the file is not a script.
     """
     build = SCRIPTS.get(name)
     if build is not None:

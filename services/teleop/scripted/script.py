@@ -1,4 +1,4 @@
-"""The language of operator scripts: a list of declared steps, in Python or as a JSON file.
+"""Schema of operator scripts: a list of steps, in Python or as a JSON file.
 
 Steps run one after another; ``Together`` runs several lists side by side. Hand poses are in the
 body frame (``torso_link``), for instance::
@@ -27,9 +27,9 @@ from pydantic import (
 )
 
 from common.errors import ConfigError, explain
-from common.robot.rotations import Array
 from common.schemas import Gait
-from services.teleop.targets.hand import TargetLimits, hand_quaternion
+from common.schemas.arrays import Float64Array as Array
+from services.teleop.targets.hand import MotionLimits, hand_quaternion
 
 Side = Literal["left", "right"]
 Seconds = Annotated[float, Field(ge=0.0, le=3600.0)]
@@ -53,11 +53,11 @@ class _Part(BaseModel):
 
 
 class HandPose(_Part):
-    """Where a hand goes, in the body frame.
+    """Pose of a hand in the body frame.
 
     ``rotation`` is (roll, pitch, yaw) [rad] about the body's x, y, z from a hand that points
-    straight ahead: positive pitch points it down, positive yaw to the left. None keeps the
-    orientation it has.
+    straight ahead: positive pitch points it down, positive yaw to the left. None keeps the present
+    rotation.
     """
 
     position: tuple[float, float, float] = Field(description="[m]")
@@ -67,11 +67,11 @@ class HandPose(_Part):
     )
 
     def quaternion(self) -> Array | None:
-        """The orientation (4,), or None to keep the present one."""
+        """Return the rotation (4,), or None to keep the present one."""
         return None if self.rotation is None else hand_quaternion(*self.rotation)
 
     def mirrored(self) -> "HandPose":
-        """The same pose for the other hand."""
+        """Return the mirror image for the other hand."""
         x, y, z = self.position
         if self.rotation is None:
             return HandPose(position=(x, -y, z), rotation=None)
@@ -87,12 +87,12 @@ class Wait(_Part):
 
 
 class Move(_Part):
-    """Bring one or both hands to poses along minimum-jerk paths, slower than asked if too fast."""
+    """Move one or both hands to poses along minimum-jerk paths within the speed limits."""
 
     do: Literal["move"] = "move"
-    left: HandPose | None = Field(default=None, description="where the left hand goes")
-    right: HandPose | None = Field(default=None, description="where the right hand goes")
-    duration: Seconds = Field(default=2.0, description="at least this long [s]")
+    left: HandPose | None = Field(default=None, description="goal of the left hand")
+    right: HandPose | None = Field(default=None, description="goal of the right hand")
+    duration: Seconds = Field(default=2.0, description="shortest duration [s]")
 
     @model_validator(mode="after")
     def _moves_something(self) -> "Move":
@@ -102,7 +102,7 @@ class Move(_Part):
 
 
 class Sine(_Part):
-    """Swing one hand about where it is; the swing fades in and out over a quarter of the time."""
+    """Swing one hand about its position; the swing fades in and out in a quarter of the time."""
 
     do: Literal["sine"] = "sine"
     hand: Side = Field(description="which hand swings")
@@ -113,7 +113,7 @@ class Sine(_Part):
 
     @model_validator(mode="after")
     def _within_speed(self) -> "Sine":
-        peak, limit = 2 * pi * self.frequency * self.amplitude, TargetLimits().linear_speed
+        peak, limit = 2 * pi * self.frequency * self.amplitude, MotionLimits().linear_speed
         if peak > limit:
             raise ValueError(
                 f"expected a peak speed (2 pi frequency amplitude) of at most {limit} m/s, "
@@ -152,7 +152,7 @@ class Walk(_Part):
 
 
 class Mark(_Part):
-    """Name what follows, in the operator's status and its log."""
+    """Set the label in the operator's status and in its log."""
 
     do: Literal["mark"] = "mark"
     label: str = Field(max_length=200, description="shown in the status and the log")
@@ -185,7 +185,7 @@ Together.model_rebuild()
 
 
 def parts_used(step: Step) -> set[str]:
-    """What of the robot a step moves."""
+    """Return the parts of the robot that a step moves."""
     match step:
         case Move() | Grip():
             kind = "hand" if isinstance(step, Move) else "gripper"
@@ -214,7 +214,7 @@ def load_script(path: Path) -> Script:
     """Read a script from a JSON file.
 
     Raises:
-        ConfigError: the file cannot be read or does not fit.
+        ConfigError: the file cannot be read or is not a script.
     """
     try:
         return Script.model_validate_json(path.read_bytes())
@@ -225,7 +225,7 @@ def load_script(path: Path) -> Script:
 
 
 def axis_vector(axis: Literal["x", "y", "z"]) -> Array:
-    """Unit vector (3,) of a body axis."""
+    """Return the unit vector (3,) of a body axis."""
     vector = np.zeros(3)
     vector["xyz".index(axis)] = 1.0
     return vector

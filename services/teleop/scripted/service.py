@@ -1,4 +1,4 @@
-"""An operator that plays a script against the robot's feedback, then ends its process."""
+"""The scripted operator as a service: plays a script, then ends its process."""
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
@@ -27,9 +27,9 @@ from common.topics import (
 )
 from services.teleop.errors import ScriptError
 from services.teleop.scripted.gaits import GaitClient, GaitPatience
-from services.teleop.scripted.player import Stage, play
+from services.teleop.scripted.player import ScriptContext, play
 from services.teleop.scripted.script import Script
-from services.teleop.targets.hand import TargetLimits
+from services.teleop.targets.hand import MotionLimits
 from services.teleop.targets.targets import OperatorTargets
 
 log = logging.getLogger(__name__)
@@ -37,32 +37,34 @@ log = logging.getLogger(__name__)
 PERIOD_NS = 50_000_000
 """Set-points at 20 Hz."""
 LONGEST_STEP = 0.1
-"""A step that comes later than this moves no further [s]."""
+"""Largest time by which one step moves the targets [s]."""
 STATUS_PERIOD = 0.2
 LABEL_WAITING = "waiting for the controller to balance"
 
 
 class ScriptedConfig(BaseModel):
-    """How the scripted operator behaves around its script."""
+    """Configuration of the scripted operator."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    limits: TargetLimits = TargetLimits()
+    limits: MotionLimits = MotionLimits()
     patience: GaitPatience = GaitPatience()
-    start_timeout: float = Field(default=60.0, gt=0.0, description="until BALANCE [s]")
+    start_timeout: float = Field(default=60.0, gt=0.0, description="timeout until BALANCE [s]")
     silence_timeout: float = Field(
-        default=3.0, gt=0.0, description="without a controller state the script fails [s]"
+        default=3.0, gt=0.0, description="time without a controller state after which it fails [s]"
     )
-    linger: float = Field(default=1.0, ge=0.0, description="set-points after the script [s]")
+    linger: float = Field(
+        default=1.0, ge=0.0, description="time to go on with set-points after the script [s]"
+    )
 
 
 class ScriptedOperator(Service):
-    """Publishes set-points at 20 Hz throughout, and the script's gaits once the robot balances.
+    """Publishes set-points at 20 Hz, and the script's gait requests once the robot balances.
 
     After the script it goes on for ``linger`` seconds and sets ``exit_code``: 0, or 1 when the
     script failed, with the reason in :attr:`failure`. The script's clock stops while the plant is
-    paused. Request ids start at the runner's clock in milliseconds, so that an operator started
-    later never repeats the ids of an earlier one.
+    paused. Request ids start at the runner's clock in milliseconds, so that they are greater than
+    those of an earlier operator.
     """
 
     name = "teleop"
@@ -80,7 +82,9 @@ class ScriptedOperator(Service):
         }
         self.failure = ""
         self.targets = OperatorTargets(self.config.limits)
-        self._stage = Stage(self.targets, GaitClient(self.config.patience), label=LABEL_WAITING)
+        self._context = ScriptContext(
+            self.targets, GaitClient(self.config.patience), label=LABEL_WAITING
+        )
         self._program: Iterator[None] | None = None
         self._steps_done = 0
         self._waited = 0.0
@@ -91,7 +95,7 @@ class ScriptedOperator(Service):
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build an operator to be replayed."""
+        """Build the operator for a replay."""
         try:
             return cls(
                 Script.model_validate(settings.get("script")),
@@ -103,29 +107,29 @@ class ScriptedOperator(Service):
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Advance the script by one tick; see :class:`common.runtime.service.Service`."""
         if self._last_ns is None:
-            self._stage.desk.next_id = now_ns // 1_000_000
+            self._context.gaits.next_id = now_ns // 1_000_000
             self._last_ns = now_ns - self.period_ns
         elapsed = (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
 
         plant = inputs.latest(PLANT_STATUS) if inputs.fresh(PLANT_STATUS) else None
         paused = plant is not None and plant.paused
-        stage = self._stage
-        stage.dt = 0.0 if paused else min(elapsed, LONGEST_STEP)
+        context = self._context
+        context.dt = 0.0 if paused else min(elapsed, LONGEST_STEP)
         controller = inputs.latest(WBC_STATE)
         fresh = controller if inputs.fresh(WBC_STATE) else None
         # Replies and timeouts run on real time, however late this step is.
-        stage.desk.hear(0.0 if paused else elapsed, inputs.events(WBC_REPLY), fresh)
+        context.gaits.update(0.0 if paused else elapsed, inputs.events(WBC_REPLY), fresh)
         try:
             self._act(inputs, fresh, plant, elapsed)
         except ScriptError as error:
             self._fail(str(error))
-        self.targets.advance(stage.dt, smooth=False)
+        self.targets.advance(context.dt)
 
         stamp = 0 if controller is None else controller.header.stamp
         header = Header(stamp=stamp)
         outputs = [Output(TELEOP_SETPOINT, self.targets.setpoint(stamp))]
-        requests, stage.desk.outbox = stage.desk.outbox, []
+        requests, context.gaits.outbox = context.gaits.outbox, []
         outputs += [
             Output(TELEOP_GAIT, request.model_copy(update={"header": header}))
             for request in requests
@@ -139,10 +143,10 @@ class ScriptedOperator(Service):
         plant: PlantStatus | None,
         elapsed: float,
     ) -> None:
-        """Wait, play or end, as the case may be.
+        """Wait for the start, play, or end.
 
         Raises:
-            ScriptError: the script cannot go on.
+            ScriptError: the script cannot continue.
         """
         if self._ended_for is not None:
             self._ended_for += elapsed
@@ -166,7 +170,7 @@ class ScriptedOperator(Service):
     ) -> None:
         trouble = _trouble(plant)
         if not trouble and _balancing(controller):
-            self._stage.label = ""
+            self._context.label = ""
             self._program = self._run()
             log.info("script %s: started", self.script.name)
             return
@@ -180,12 +184,12 @@ class ScriptedOperator(Service):
 
     def _run(self) -> Iterator[None]:
         for step in self.script.steps:
-            yield from play((step,), self._stage)
+            yield from play((step,), self._context)
             self._steps_done += 1
 
     def _fail(self, reason: str) -> None:
         step = f"step {self._steps_done + 1}/{len(self.script.steps)}"
-        mark = f" ({self._stage.label})" if self._stage.label else ""
+        mark = f" ({self._context.label})" if self._context.label else ""
         self.failure = f"{step}{mark}: {reason}"
         self._ended_for = 0.0
         log.error("script %s failed: %s", self.script.name, self.failure)
@@ -195,7 +199,7 @@ class ScriptedOperator(Service):
             script=self.script.name,
             step=self._steps_done,
             steps=len(self.script.steps),
-            label=self._stage.label,
+            label=self._context.label,
             finished=self._ended_for is not None,
             failed=self.failure[:200],
         )
@@ -218,7 +222,7 @@ def _balancing(controller: ControllerState | None) -> bool:
 
 
 def _trouble(plant: PlantStatus | None) -> str:
-    """What about the plant keeps a script from running; empty when nothing does."""
+    """Return the plant's condition that prevents a script from running; empty: none."""
     if plant is None:
         return ""
     if plant.fallen:

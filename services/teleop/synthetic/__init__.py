@@ -1,1 +1,1 @@
-"""A synthetic operator: does the tasks through the same device-level input as a person."""
+"""The synthetic operator: does the tasks through the same device-level input as a person."""

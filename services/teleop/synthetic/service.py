@@ -1,4 +1,4 @@
-"""The synthetic operator on the bus: sees and hears like a person, acts through the ingress."""
+"""The synthetic operator as a service: it acts through the same mapping as a headset."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -22,8 +22,8 @@ from common.topics import (
 )
 from services.teleop.errors import TeleopError
 from services.teleop.headset.mapping import HeadsetMapper, MapperConfig
-from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Eyes, Sight
+from services.teleop.synthetic.observation import Observation, Observer
+from services.teleop.synthetic.operator_model import Act, OperatorModel, StrategyError
 from services.teleop.synthetic.strategies import find_strategy
 from services.teleop.synthetic.traits import TRAITS, OperatorTraits
 
@@ -34,35 +34,39 @@ PERIOD_NS = 50_000_000
 LONGEST_STEP = 0.1
 STATUS_PERIOD = 0.2
 FALLEN_HEIGHT = 0.5
-"""A torso seen lower than this has fallen [m]."""
+"""Observed torso height below which the robot has fallen [m]."""
 _STREAM = 0x5E17
-"""Sets the operator's random numbers apart from those of the plant."""
+"""Separates the operator's random numbers from those of the plant."""
 
 
 class SyntheticConfig(BaseModel):
-    """Which task, which trial, which kind of operator."""
+    """Configuration of the synthetic operator."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    task: str = Field(default="door/unlock", description="as the plant was started with")
-    seed: int = Field(default=0, ge=0, description="of everything that varies in the operator")
+    task: str = Field(default="door/unlock", description="the plant's task")
+    seed: int = Field(default=0, ge=0, description="of all random variation of the operator")
     traits: OperatorTraits = TRAITS["practised"]
-    ingress: MapperConfig = MapperConfig()
-    start_timeout: float = Field(default=60.0, gt=0.0, description="until BALANCE is seen [s]")
-    linger: float = Field(default=1.5, ge=0.0, description="goes on holding after the task [s]")
-    stay: bool = Field(default=False, description="then wait for the next trial, do not end")
+    headset: MapperConfig = MapperConfig()
+    start_timeout: float = Field(
+        default=60.0, gt=0.0, description="timeout until BALANCE is seen [s]"
+    )
+    linger: float = Field(
+        default=1.5, ge=0.0, description="time to go on holding after the task [s]"
+    )
+    stay: bool = Field(default=False, description="wait for the next trial instead of ending")
 
 
 class SyntheticOperator(Service):
-    """Does one task, then ends; after a reset of the plant it starts anew, differently.
+    """Does one task and ends; after a reset of the plant it does it again with other variation.
 
-    It sees the robot (``plant/state``), the objects (``task/scene``) and what the controller says
-    (``wbc/state``, ``wbc/reply``), all through its inbox and hence as late as the feedback link
-    makes them. It acts through :class:`DeviceInput` and the same ingress as a person's headset.
+    It observes the robot (``plant/state``), the objects (``task/scene``) and the controller
+    (``wbc/state``, ``wbc/reply``) through its inbox, hence with the delay of the feedback link. It
+    acts through :class:`DeviceInput` and the same mapping as a person's headset.
 
     Attributes:
-        failure: why its plan came to nothing; empty: it did not, or not yet.
-        person: the operator; None until it sees the robot balance.
+        failure: reason for which the plan failed; empty: it did not fail so far.
+        model: model of the person; None until the robot is seen to balance.
     """
 
     name = "teleop"
@@ -74,7 +78,7 @@ class SyntheticOperator(Service):
         self.config = config or SyntheticConfig()
         self.settings = self.config.model_dump(mode="json")
         self._strategy = find_strategy(self.config.task)
-        self._ingress = HeadsetMapper(self.config.ingress)
+        self._mapper = HeadsetMapper(self.config.headset)
         self._last_ns: int | None = None
         self._shown: OperatorStatus | None = None
         self._since_shown = 0.0
@@ -82,7 +86,7 @@ class SyntheticOperator(Service):
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build an operator to be replayed."""
+        """Build the operator for a replay."""
         try:
             return cls(SyntheticConfig.model_validate(settings))
         except ValidationError as error:
@@ -91,8 +95,8 @@ class SyntheticOperator(Service):
     def _begin(self, resets: int) -> None:
         self._resets = resets
         self._rng = np.random.default_rng((self.config.seed, resets, _STREAM))
-        self._eyes = Eyes()
-        self.person: Person | None = None
+        self._observer = Observer()
+        self.model: OperatorModel | None = None
         self._plan: Act | None = None
         self._time = 0.0
         self._over_for: float | None = None
@@ -100,62 +104,67 @@ class SyntheticOperator(Service):
 
     @property
     def finished(self) -> bool:
-        """Whether the plan has ended, well or not."""
+        """Whether the plan has ended, successfully or not."""
         return self._over_for is not None
 
+    @property
+    def note(self) -> str:
+        """What the operator is doing; empty before it begins."""
+        return "" if self.model is None else self.model.note
+
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
-        """See, act for one tick, report."""
+        """Observe, act for one tick, and report."""
         if self._last_ns is None:
-            self._ingress.next_id = now_ns // 1_000_000
+            self._mapper.next_id = now_ns // 1_000_000
             self._last_ns = now_ns - self.period_ns
         elapsed = (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
         dt = min(elapsed, LONGEST_STEP)
         replies = inputs.events(WBC_REPLY)
-        sight = self._eyes.see(
+        seen = self._observer.observe(
             inputs.latest(PLANT_STATE), inputs.latest(TASK_SCENE), inputs.latest(WBC_STATE)
         )
-        if sight is None:
+        if seen is None:
             return self._status(Header(), elapsed)
-        if sight.resets != self._resets:
-            self._begin(sight.resets)
-            self._ingress = HeadsetMapper(self.config.ingress, self._ingress.next_id)
+        if seen.resets != self._resets:
+            self._begin(seen.resets)
+            self._mapper = HeadsetMapper(self.config.headset, self._mapper.next_id)
         self._time += dt
-        self._act(sight, replies, dt)
-        header = Header(stamp=sight.stamp)
-        if self.person is None:
+        self._act(seen, replies, dt)
+        header = Header(stamp=seen.stamp)
+        if self.model is None:
             return self._status(header, elapsed)
-        device = self.person.device()
-        requests = self._ingress.take(device, self._time)
+        device = self.model.device()
+        requests = self._mapper.update(device, self._time)
         return [
             Output(TELEOP_DEVICE, device),
-            Output(TELEOP_SETPOINT, self._ingress.setpoint(sight.stamp)),
+            Output(TELEOP_SETPOINT, self._mapper.setpoint(seen.stamp)),
             *(Output(TELEOP_GAIT, request) for request in requests),
             *self._status(header, elapsed),
         ]
 
-    def _act(self, sight: Sight, replies: Sequence[GaitReply], dt: float) -> None:
-        if self.person is None:
-            if sight.balancing:
-                self.person = Person(self.config.traits, self._rng, sight)
-                self._plan = self._strategy(self.person)
+    def _act(self, seen: Observation, replies: Sequence[GaitReply], dt: float) -> None:
+        if self.model is None:
+            if seen.balancing:
+                self.model = OperatorModel(self.config.traits, self._rng, seen)
+                self._plan = self._strategy(self.model)
             elif self._time > self.config.start_timeout:
                 self.failure = f"no BALANCE seen within {self.config.start_timeout:g} s"
                 self.exit_code = 1
             return
-        person = self.person
-        person.perceive(sight, replies, self._time, dt)
+        model = self.model
+        model.perceive(seen, replies, self._time, dt)
         if self._over_for is not None:
             self._over_for += dt
             if self._over_for >= self.config.linger and not self.config.stay:
                 self.exit_code = 1 if self.failure else 0
         elif self._plan is not None:
-            self._go_on(self._plan, sight)
-        person.advance(dt)
+            self._continue(self._plan, seen)
+        model.advance(dt)
 
-    def _go_on(self, plan: Act, sight: Sight) -> None:
+    def _continue(self, plan: Act, seen: Observation) -> None:
         try:
-            if float(sight.torso.position[2]) < FALLEN_HEIGHT:
+            if float(seen.torso.position[2]) < FALLEN_HEIGHT:
                 raise StrategyError("the robot has fallen")
             next(plan)
         except StopIteration:
@@ -167,12 +176,12 @@ class SyntheticOperator(Service):
             log.warning("synthetic operator: %s: gave up: %s", self.config.task, error)
 
     def _status(self, header: Header, elapsed: float) -> list[Output]:
-        """The status, at 5 Hz and at every change."""
+        """Return the status at 5 Hz and at every change."""
         status = OperatorStatus(
             script=f"synthetic {self.config.task}",
             step=int(self.finished),
             steps=1,
-            label="waiting" if self.person is None else self.person.note[:200],
+            label=self.note[:200] or "waiting",
             finished=self.finished,
             failed=self.failure[:200],
         )

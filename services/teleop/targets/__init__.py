@@ -1,1 +1,1 @@
-"""Hand targets that operators move, and the set-points made of them."""
+"""Targets of hands, grippers and neck, and set-points made of them."""

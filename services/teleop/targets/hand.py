@@ -1,4 +1,4 @@
-"""One hand's target: where an operator wants it, moved there within limits.
+"""Hand poses as operators name them, and a target that moves smoothly to a goal.
 
 All poses are in the body frame (``torso_link``). A hand whose orientation is the identity of this
 module's (roll, pitch, yaw) convention points straight ahead: its -z axis along body +x, fingers
@@ -11,32 +11,36 @@ from typing import Final
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from common.robot.frames import BASE_COM_HEIGHT, FORWARD_HAND_IN_BODY, NOMINAL_HAND_IN_BODY
-from common.robot.joints import JOINTS, NECK
-from common.robot.rotations import Array, from_rpy, multiply, rotate, rotation_vector, to_rpy
+from common.robot.frames import NOMINAL_HAND_IN_BODY
+from common.robot.kinematics import FORWARD_HAND
+from common.robot.pose import Pose
+from common.robot.rotations import (
+    clamp_norm,
+    conjugate,
+    multiply,
+    quaternion_from_rpy,
+    rotate,
+    rotation_between,
+    rpy_from_quaternion,
+)
+from common.robot.workspace import clamp_to_workspace
+from common.schemas.arrays import Float64Array as Array
 
 SIDES: Final = ("left", "right")
-FORWARD_HAND: Final = np.array(FORWARD_HAND_IN_BODY)
 
 NOMINAL_ROLL: Final = 0.5236
-"""Roll of the left hand at the nominal joint positions (its shoulder's abduction) [rad]."""
+"""Roll of the left hand at the nominal joint positions, from the shoulder's abduction [rad]."""
 HOME_POSITION: Final = (0.30, 0.26, 0.04)
-"""Home of the left hand, pointing straight ahead [m]; the right hand's is its mirror image.
+"""Home position of the left hand, which points straight ahead [m]; the right hand's is mirrored.
 
-The public TRILL configuration asks for (0.22, 0.25, 0.1) in ``base_com``. By inverse kinematics
-on the joint limits of the DRACO 3 URDF that pose is out of reach with the hand level, so home is
-the nearest comfortable pose: within 0.4 rad of no joint limit but the shoulder's.
+The public TRILL configuration uses (0.22, 0.25, 0.1) in ``base_com``. By inverse kinematics with
+the joint limits of the DRACO 3 URDF a level hand does not reach it, so home is the nearest pose in
+which all joints but the shoulder's are at least 0.4 rad from their limits.
 """
 
 
-class TargetLimits(BaseModel):
-    """How fast and how far the targets may move; the box is the left hand's, the right mirrors it.
-
-    The box is that of the public TRILL configuration (there in ``base_com``), but with x from
-    0.15 m so that a hand can be drawn back to the torso, to 0.56 m (there 0.50) so that a hand near
-    the end of its reach can still be sent ahead of a thing to push it, and no higher than 0.40 m:
-    above, close to the chest, the upper arms press against it and topple the robot.
-    """
+class MotionLimits(BaseModel):
+    """Speeds and accelerations of targets whose goals move in steps, for instance with keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -45,114 +49,110 @@ class TargetLimits(BaseModel):
     linear_acceleration: float = Field(default=2.0, gt=0.0, description="[m/s²]")
     angular_acceleration: float = Field(default=12.0, gt=0.0, description="[rad/s²]")
     settling: float = Field(default=0.2, gt=0.0, description="time constant of the approach [s]")
-    closure_speed: float = Field(default=2.0, gt=0.0, description="gripper strokes a second")
+    closure_speed: float = Field(default=2.0, gt=0.0, description="of a gripper [strokes/s]")
     neck_speed: float = Field(default=1.0, gt=0.0, description="[rad/s]")
-    lead_distance: float = Field(default=0.08, gt=0.0, description="of a stepped goal [m]")
-    lead_angle: float = Field(default=0.4, gt=0.0, description="of a stepped goal [rad]")
-    box_low: tuple[float, float, float] = Field(
-        default=(0.15, -0.10, -0.2 + BASE_COM_HEIGHT),
-        description="of the left hand in the body frame [m]",
+    lead_distance: float = Field(
+        default=0.08, gt=0.0, description="largest lead of a goal moved in steps [m]"
     )
-    box_high: tuple[float, float, float] = Field(
-        default=(0.56, 0.45, 0.40), description="likewise, the opposite corner [m]"
-    )
-    neck_low: float = Field(default=JOINTS[NECK.start].lower, description="highest look [rad]")
-    neck_high: float = Field(default=JOINTS[NECK.start].upper, description="lowest look [rad]")
-
-    def clamp(self, side: str, position: Array) -> Array:
-        """``position`` (3,) [m] moved into the workspace box of hand ``side``."""
-        mirror: Array = np.array([1.0, 1.0 if side == "left" else -1.0, 1.0])
-        inside: Array = np.clip(position * mirror, self.box_low, self.box_high)
-        return inside * mirror
+    lead_angle: float = Field(default=0.4, gt=0.0, description="likewise, rotation [rad]")
 
 
 def hand_quaternion(roll: float, pitch: float, yaw: float) -> Array:
-    """Orientation (4,) of a forward-pointing hand turned about the body axes [rad]."""
-    return multiply(from_rpy(roll, pitch, yaw), FORWARD_HAND)
+    """Return the quaternion (4,) of a hand rotated about body axes from pointing ahead [rad]."""
+    return multiply(quaternion_from_rpy(roll, pitch, yaw), FORWARD_HAND)
 
 
 def hand_rpy(quaternion: Array) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] by which a hand is turned from pointing straight ahead."""
-    return to_rpy(multiply(quaternion, FORWARD_HAND * np.array([1.0, -1.0, -1.0, -1.0])))
+    """Return roll, pitch and yaw of a hand relative to pointing ahead [rad]."""
+    return rpy_from_quaternion(multiply(quaternion, conjugate(FORWARD_HAND)))
 
 
-def home_pose(side: str) -> tuple[Array, Array]:
-    """Position (3,) [m] and quaternion (4,) to which hand ``side`` is sent home."""
+def nominal_pose(side: str) -> Pose:
+    """Return the pose of hand ``side`` at the robot's nominal joint positions."""
+    roll = NOMINAL_ROLL if side == "left" else -NOMINAL_ROLL
+    return Pose(np.array(NOMINAL_HAND_IN_BODY[side]), hand_quaternion(roll, 0.0, 0.0))
+
+
+def home_pose(side: str) -> Pose:
+    """Return the pose to which hand ``side`` is sent home."""
     sign = 1.0 if side == "left" else -1.0
-    return np.array(HOME_POSITION) * (1.0, sign, 1.0), FORWARD_HAND.copy()
+    return Pose(np.array(HOME_POSITION) * (1.0, sign, 1.0), FORWARD_HAND.copy())
+
+
+def minimum_jerk(share: float) -> float:
+    """Return the share of the way that a minimum-jerk motion has covered after a share of its time.
+
+    Source: T. Flash and N. Hogan, "The coordination of arm movements", J. Neuroscience 5 (1985).
+    """
+    s = min(max(share, 0.0), 1.0)
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)
 
 
 def _pursue(error: Array, velocity: Array, speed: float, change: float, settling: float) -> Array:
-    """Next velocity towards a goal ``error`` away, within ``speed`` and ``change`` of velocity."""
-    return _shortened(
-        velocity + _shortened(_shortened(error / settling, speed) - velocity, change), speed
+    """Return the next velocity towards a goal ``error`` away, within limits of speed and change."""
+    return clamp_norm(
+        velocity + clamp_norm(clamp_norm(error / settling, speed) - velocity, change), speed
     )
-
-
-def _shortened(vector: Array, longest: float) -> Array:
-    norm = float(np.linalg.norm(vector))
-    return vector if norm <= longest else vector * (longest / norm)
 
 
 @dataclass
 class HandTarget:
-    """One hand's target pose and the goal it moves to, in the body frame.
+    """Target pose of one hand and the goal it moves to, in the body frame.
+
+    The controller keeps what is published within the workspace. Here only goals that grow step by
+    step are kept there too, so that a key held down does not pile up steps to take back.
 
     Attributes:
         side: ``left`` or ``right``.
-        limits: speeds and workspace.
+        limits: speeds and accelerations.
         position, quaternion: the target as published; starts at the nominal hand pose.
-        goal_position, goal_quaternion: where it is going.
+        goal_position, goal_quaternion: pose to which the target moves.
     """
 
     side: str
-    limits: TargetLimits
+    limits: MotionLimits
     position: Array = field(init=False)
     quaternion: Array = field(init=False)
     goal_position: Array = field(init=False)
     goal_quaternion: Array = field(init=False)
-    _velocity: Array = field(init=False, default_factory=lambda: np.zeros(3))
-    _rate: Array = field(init=False, default_factory=lambda: np.zeros(3))
+    _velocity: Array = field(init=False)
+    _rate: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        roll = NOMINAL_ROLL if self.side == "left" else -NOMINAL_ROLL
-        self.place(np.array(NOMINAL_HAND_IN_BODY[self.side]), hand_quaternion(roll, 0.0, 0.0))
+        self.place(nominal_pose(self.side))
 
-    def place(self, position: Array, quaternion: Array) -> None:
-        """Set target and goal at once, at rest: for a start, never in the middle of a motion."""
-        self.position = self.limits.clamp(self.side, position)
-        self.quaternion = quaternion
-        self.goal_position, self.goal_quaternion = self.position, self.quaternion
+    def place(self, pose: Pose) -> None:
+        """Set target and goal at once, at rest."""
+        self.position, self.quaternion = pose.position, pose.quaternion
+        self.goal_position, self.goal_quaternion = pose.position, pose.quaternion
         self._velocity, self._rate = np.zeros(3), np.zeros(3)
 
-    def go_to(self, position: Array, quaternion: Array) -> None:
-        """Set the goal; it is clamped to the workspace."""
-        self.goal_position = self.limits.clamp(self.side, position)
-        self.goal_quaternion = quaternion
+    def go_to(self, pose: Pose) -> None:
+        """Set the goal."""
+        self.goal_position, self.goal_quaternion = pose.position, pose.quaternion
 
     def shift(self, step: Array) -> None:
-        """Move the goal by ``step`` (3,) [m], at most ``lead_distance`` ahead of the target.
+        """Move the goal by ``step`` (3,), at most ``lead_distance`` ahead of the target [m].
 
-        The lead keeps a held key from piling up a long motion that goes on after its release.
+        The limit prevents a long motion that goes on after the release of a key.
         """
         lead = self.goal_position + step - self.position
         ahead = max(
             self.limits.lead_distance, float(np.linalg.norm(self.goal_position - self.position))
         )
-        goal = self.position + _shortened(lead, ahead)
-        self.goal_position = self.limits.clamp(self.side, goal)
+        self.goal_position = clamp_to_workspace(self.side, self.position + clamp_norm(lead, ahead))
 
     def turn(self, rotation: Array) -> None:
-        """Turn the goal by ``rotation`` (3,) [rad] about body axes; ``lead_angle`` at most."""
+        """Rotate the goal by ``rotation`` (3,) about body axes, at most ``lead_angle`` ahead."""
         ahead = max(
             self.limits.lead_angle,
-            float(np.linalg.norm(rotation_vector(self.quaternion, self.goal_quaternion))),
+            float(np.linalg.norm(rotation_between(self.quaternion, self.goal_quaternion))),
         )
-        lead = rotation_vector(self.quaternion, rotate(self.goal_quaternion, rotation))
-        self.goal_quaternion = rotate(self.quaternion, _shortened(lead, ahead))
+        lead = rotation_between(self.quaternion, rotate(self.goal_quaternion, rotation))
+        self.goal_quaternion = rotate(self.quaternion, clamp_norm(lead, ahead))
 
     def approach(self, dt: float) -> None:
-        """Move smoothly towards the goal for ``dt`` [s]: limited speed and acceleration."""
+        """Move the target towards the goal for ``dt`` [s] with limited speed and acceleration."""
         limits = self.limits
         self._velocity = _pursue(
             self.goal_position - self.position,
@@ -162,28 +162,21 @@ class HandTarget:
             limits.settling,
         )
         self._rate = _pursue(
-            rotation_vector(self.quaternion, self.goal_quaternion),
+            rotation_between(self.quaternion, self.goal_quaternion),
             self._rate,
             limits.angular_speed,
             limits.angular_acceleration * dt,
             limits.settling,
         )
-        self.position = limits.clamp(self.side, self.position + self._velocity * dt)
+        self.position = self.position + self._velocity * dt
         self.quaternion = rotate(self.quaternion, self._rate * dt)
-
-    def follow(self, dt: float) -> None:
-        """Move straight to the goal for ``dt`` [s], as far as the speed limits let it."""
-        step = _shortened(self.goal_position - self.position, self.limits.linear_speed * dt)
-        turn = rotation_vector(self.quaternion, self.goal_quaternion)
-        self.position = self.position + step
-        self.quaternion = rotate(self.quaternion, _shortened(turn, self.limits.angular_speed * dt))
 
     @property
     def distance(self) -> float:
-        """From the target to its goal [m]."""
+        """Distance from the target to its goal [m]."""
         return float(np.linalg.norm(self.goal_position - self.position))
 
     @property
     def angle(self) -> float:
-        """From the target's orientation to its goal's [rad]."""
-        return float(np.linalg.norm(rotation_vector(self.quaternion, self.goal_quaternion)))
+        """Angle from the target to its goal [rad]."""
+        return float(np.linalg.norm(rotation_between(self.quaternion, self.goal_quaternion)))

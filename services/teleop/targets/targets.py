@@ -1,12 +1,17 @@
-"""What an operator asks of the hands, grippers and neck: limited, continuous targets."""
+"""Targets of hands, grippers and neck that move towards their goals, as set-point messages."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.robot.rotations import Array
+from common.robot.joints import JOINTS, NECK
+from common.robot.pose import Pose
+from common.robot.workspace import clamp_to_workspace
 from common.schemas import Header, Setpoint
-from services.teleop.targets.hand import SIDES, HandTarget, TargetLimits
+from common.schemas.arrays import Float64Array as Array
+from services.teleop.targets.hand import SIDES, HandTarget, MotionLimits
+
+_NECK = JOINTS[NECK.start]
 
 
 def _towards(value: Array, goal: Array, largest: float) -> Array:
@@ -15,16 +20,16 @@ def _towards(value: Array, goal: Array, largest: float) -> Array:
 
 @dataclass
 class OperatorTargets:
-    """All that a set-point holds: two hands, two grippers and the neck.
+    """Targets of a set-point: two hands, two grippers and the neck.
 
     Attributes:
-        limits: speeds and workspace.
+        limits: speeds and accelerations.
         hands: target of each hand, by side.
         closure, goal_closure: (2,) left and right gripper, 0 open to 1 closed.
         neck, goal_neck: head pitch, positive looks down [rad].
     """
 
-    limits: TargetLimits = field(default_factory=TargetLimits)
+    limits: MotionLimits = field(default_factory=MotionLimits)
     hands: dict[str, HandTarget] = field(init=False)
     closure: Array = field(init=False, default_factory=lambda: np.zeros(2))
     goal_closure: Array = field(init=False, default_factory=lambda: np.zeros(2))
@@ -35,45 +40,38 @@ class OperatorTargets:
         self.hands = {side: HandTarget(side, self.limits) for side in SIDES}
 
     def grip(self, side: str, closure: float) -> None:
-        """Set the goal of gripper ``side``, 0 open to 1 closed."""
+        """Set the goal of the gripper ``side``, 0 open to 1 closed."""
         goal = self.goal_closure.copy()
         goal[SIDES.index(side)] = np.clip(closure, 0.0, 1.0)
         self.goal_closure = goal
 
     def look(self, pitch: float) -> None:
         """Set the goal of the neck [rad], clamped to its joint's range."""
-        self.goal_neck = float(np.clip(pitch, self.limits.neck_low, self.limits.neck_high))
+        self.goal_neck = float(np.clip(pitch, _NECK.lower, _NECK.upper))
 
     def adopt(self, setpoint: Setpoint) -> None:
-        """Take over where another operator's set-points left off."""
-        self.hands["left"].place(
-            setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body
-        )
-        self.hands["right"].place(
-            setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body
-        )
+        """Continue from another operator's set-point."""
+        poses = {
+            "left": (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
+            "right": (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
+        }
+        for side, (position, quaternion) in poses.items():
+            self.hands[side].place(Pose(clamp_to_workspace(side, position), quaternion))
         self.closure = self.goal_closure = np.clip(setpoint.gripper_closure, 0.0, 1.0)
         self.look(setpoint.neck_pitch)
         self.neck = self.goal_neck
 
-    def advance(self, dt: float, *, smooth: bool) -> None:
-        """Move everything towards its goal for ``dt`` [s].
-
-        ``smooth``: hands accelerate and settle gently, for goals that jump (keys). Otherwise they
-        follow goals that already move smoothly without lag, up to the speed limits.
-        """
+    def advance(self, dt: float) -> None:
+        """Move all targets towards their goals for ``dt`` [s]."""
         for hand in self.hands.values():
-            if smooth:
-                hand.approach(dt)
-            else:
-                hand.follow(dt)
+            hand.approach(dt)
         limits = self.limits
         self.closure = _towards(self.closure, self.goal_closure, limits.closure_speed * dt)
         step = limits.neck_speed * dt
         self.neck += float(np.clip(self.goal_neck - self.neck, -step, step))
 
     def setpoint(self, stamp: int) -> Setpoint:
-        """The set-point message; ``stamp`` is the robot time [ns] the operator acted on."""
+        """Return the set-point message; ``stamp`` is the robot time the operator acted on [ns]."""
         left, right = self.hands["left"], self.hands["right"]
         return Setpoint(
             header=Header(stamp=stamp),

@@ -4,23 +4,13 @@ from pathlib import Path
 
 import cv2
 import h5py
-import mujoco
 import numpy as np
 import pytest
 
 from common.episodes.columns import BY_PATH, COLUMNS
 from common.episodes.episode_file import open_episode, to_bytes
 from common.episodes.errors import EpisodeError
-from common.robot.bodyposes import USUAL_HAND, body_poses, nearer
-from common.robot.frames import BODY_FRAME, FOOT_FRAMES, HAND_FRAMES
-from common.robot.joints import (
-    JOINT_NAMES,
-    MJCF_PATH,
-    NOMINAL_POSITION,
-    NUM_JOINTS,
-    POSITION_LOWER,
-    POSITION_UPPER,
-)
+from common.robot.frames import BODY_FRAME
 from tests.lab.demonstrations.collect.support import meta, rows
 
 
@@ -83,31 +73,3 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         file.attrs["schema_version"] = 99
     with pytest.raises(EpisodeError, match="version 99"), open_episode(newer):
         pass
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_poses_agree_with_mujoco(seed: int) -> None:
-    model = mujoco.MjModel.from_xml_path(str(MJCF_PATH))
-    data = mujoco.MjData(model)
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(POSITION_LOWER, POSITION_UPPER, NUM_JOINTS)
-    for name, value in zip(JOINT_NAMES, q, strict=True):
-        data.joint(name).qpos[:] = value
-    data.joint("base").qpos[:] = [*rng.normal(size=3), 0.5, 0.5, -0.5, 0.5]
-    mujoco.mj_kinematics(model, data)
-    torso = data.body(BODY_FRAME)
-    to_body = torso.xmat.reshape(3, 3).T
-    names = [*FOOT_FRAMES.values(), *HAND_FRAMES.values()]
-    for name, pose in zip(names, body_poses().of(q).reshape(4, 7), strict=True):
-        site = data.site(name)
-        np.testing.assert_allclose(pose[:3], to_body @ (site.xpos - torso.xpos), atol=1e-9)
-        rotation = np.zeros(9)
-        mujoco.mju_quat2Mat(rotation, np.ascontiguousarray(pose[3:]))
-        expected = to_body @ site.xmat.reshape(3, 3)
-        np.testing.assert_allclose(rotation.reshape(3, 3), expected, atol=1e-9)
-
-
-def test_quaternions_keep_the_sign_of_the_usual_orientation() -> None:
-    hands = body_poses().of(np.array(NOMINAL_POSITION)).reshape(4, 7)[2:, 3:]
-    assert (hands @ USUAL_HAND > 0.5).all()
-    np.testing.assert_array_equal(nearer(-USUAL_HAND, USUAL_HAND), USUAL_HAND)

@@ -4,10 +4,11 @@ from math import pi
 
 import pytest
 
+from common.robot.pose import Pose2
 from common.schemas import Gait, GaitOutcome, Header
 from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
 from lab.review.run_summary import Quantiles, RunSummary
-from lab.review.scoring import Pose2, commanded_motions
+from lab.review.scoring import commanded_motions
 from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
 from lab.review.timeline import read_timeline

@@ -19,8 +19,7 @@ from lab.review.task_contact_sheet import (
 from lab.review.tiles import render_scene
 from lab.review.timeline import Timeline, read_timeline
 from services.sim.errors import RenderingUnavailableError
-from services.sim.rendering.render import render_states
-from services.sim.rendering.shots import SHOTS, shot_of
+from services.sim.rendering.render import TASK_VIEWS, render_states, task_view
 from services.sim.scenes import SCENES
 from services.sim.tasks import all_tasks
 from tests.lab.review.synthetic import FakeRobot
@@ -50,7 +49,7 @@ def timeline() -> Timeline:
 def test_the_door_is_in_the_picture_and_moves(timeline: Timeline) -> None:
     last = len(timeline.truth) - 1
     closed, ajar = render_scene(timeline, [0, last], 160, 120, fast=True)
-    bare = next(iter(render_states(timeline.truth[:1], 160, 120, shot_of("door/unlock", "door"))))
+    bare = next(iter(render_states(timeline.truth[:1], 160, 120, task_view("door/unlock", "door"))))
     changed = [float(np.mean(np.abs(closed.astype(int) - other) > 20)) for other in (ajar, bare)]
     assert changed[0] > 0.005
     assert changed[1] > 0.4
@@ -109,9 +108,9 @@ def test_the_video_shows_the_scene_too(timeline: Timeline, tmp_path: Path) -> No
 
 
 def test_every_task_has_a_camera_and_a_new_one_its_scenes_first_view() -> None:
-    assert set(SHOTS) == set(all_tasks())
-    assert shot_of("door/knock", "door") == SCENES["door"].views[0]
-    assert shot_of("", "flat") is not None
+    assert set(TASK_VIEWS) == set(all_tasks())
+    assert task_view("door/knock", "door") == SCENES["door"].views[0]
+    assert task_view("", "flat") is not None
 
 
 def test_a_trial_without_a_verdict_has_a_headline_too() -> None:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from services.sim.config import TYPICAL_NOISE, SimConfig
-from services.sim.physics.noise import rotate_by
 from services.sim.physics.plant import Plant
 
 from .support import state_bytes
@@ -37,11 +36,3 @@ def test_standard_deviations() -> None:
     assert np.sqrt((angles**2).mean()) == pytest.approx(np.sqrt(3.0) * 0.0052, rel=0.1)
     for name in ("joint_torque", "foot_normal_force", "gripper_closure"):
         assert np.array_equal(getattr(samples[0], name), getattr(truth, name))
-
-
-def test_rotate_by_turns_in_the_body_frame() -> None:
-    quarter_z = np.array([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-    # Yaw by 90 degrees, then a quarter turn about the body's own x.
-    turned = rotate_by(quarter_z, np.array([np.pi / 2, 0.0, 0.0]))
-    assert turned == pytest.approx([0.5, 0.5, 0.5, 0.5])
-    assert rotate_by(quarter_z, np.zeros(3)) is quarter_z

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from services.sim.physics.pace import Every, Pace
+from services.sim.physics.pace import Pace, RateTimer
 
 from .support import MS
 
@@ -54,12 +54,12 @@ def test_skipped_time_is_not_made_up() -> None:
 
 @pytest.mark.parametrize(("rate", "expected"), [(50, 50), (10, 10), (1, 1)])
 def test_every_keeps_its_rate(rate: int, expected: int) -> None:
-    every = Every(rate)
+    every = RateTimer(rate)
     assert sum(every.due(k * MS) for k in range(1000)) == expected
 
 
 def test_every_keeps_its_phase_after_a_little_delay_and_drops_what_is_missed() -> None:
-    every = Every(50)
+    every = RateTimer(50)
     assert every.due(0)
     assert every.due(25 * MS)
     assert not every.due(39 * MS)

@@ -1,4 +1,4 @@
-"""What the eyes see and what a run looks like; needs EGL."""
+"""Pictures of the stereo pair and of runs; needs EGL."""
 
 import os
 import sys
@@ -58,12 +58,12 @@ def orange(image: Any) -> Any:
     return (image[..., 0] > image[..., 2] + 30) & (image[..., 0] > image[..., 1] + 10)
 
 
-def test_both_eyes_are_upright_and_not_mirrored(service: CameraService, truth: Any) -> None:
+def test_both_pictures_are_upright_and_not_mirrored(service: CameraService, truth: Any) -> None:
     found = frames(service, truth)
     assert set(found) == {CAMERA_LEFT.name, CAMERA_RIGHT.name}
-    for eye in ("left", "right"):
-        frame = found[f"camera/{eye}"]
-        assert (frame.eye, frame.width, frame.height) == (eye, 400, 300)
+    for side in ("left", "right"):
+        frame = found[f"camera/{side}"]
+        assert (frame.eye, frame.width, frame.height) == (side, 400, 300)
         assert frame.encoding == "rgb8"
         assert frame.header.stamp == truth.header.stamp
         image = decode(frame)
@@ -75,10 +75,10 @@ def test_both_eyes_are_upright_and_not_mirrored(service: CameraService, truth: A
         assert left_hand[1].mean() < right_hand[1].mean(), "the left hand is on the left"
 
 
-def test_the_left_eye_is_on_the_left(service: CameraService, truth: Any) -> None:
+def test_the_left_camera_is_on_the_left(service: CameraService, truth: Any) -> None:
     found = frames(service, truth)
     columns = [np.nonzero(teal(decode(found[f"camera/{e}"])))[1].mean() for e in ("left", "right")]
-    assert columns[0] > columns[1] + 1.0, "near things lie further right in the left eye"
+    assert columns[0] > columns[1] + 1.0, "near objects lie further right in the left picture"
 
 
 def test_looking_down_shows_more_floor(service: CameraService, truth: Any) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from common.robot.joints import JOINT_INDEX
 from services.sim.errors import SceneError, StandError
-from services.sim.model.gripper import jaw_closure, jaw_command
+from services.sim.model.robot_state import jaw_closure, jaw_command
 from services.sim.model.world import build_model, build_spec, find_addresses
 from services.sim.physics.stance import standing_qpos, standing_torque
 
@@ -57,7 +57,7 @@ def test_a_giant_stance_is_refused_with_the_reason(model: Any) -> None:
 
 
 def test_looks_do_not_matter_to_physics(model: Any) -> None:
-    bare = build_model(looks=False)
+    bare = build_model(visuals=False)
     assert bare.ngeom < 40 < model.ngeom
     states = []
     for each in (model, bare):
@@ -69,7 +69,7 @@ def test_looks_do_not_matter_to_physics(model: Any) -> None:
 
 
 def test_motors_out_of_order_are_refused() -> None:
-    spec = build_spec(looks=False)
+    spec = build_spec(visuals=False)
     spec.delete(spec.actuators[0])
     with pytest.raises(
         SceneError, match="expected the model's first 25 actuators to be the motors"

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from common.robot.rotations import Array
+from common.schemas.arrays import Float64Array as Array
 from common.topics import TELEOP_SETPOINT
 from services.teleop.keyboard.service import KeyboardOperator
 

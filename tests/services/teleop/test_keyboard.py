@@ -3,7 +3,7 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from common.robot.rotations import rotation_vector
+from common.robot.rotations import rotation_between
 from common.schemas import Estop, Gait, GaitOutcome, GaitRequest, PlantAction, PlantRequest
 from common.topics import ESTOP, PLANT_REQUEST, PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT
 from services.teleop.keyboard.keymap import BY_KEY
@@ -16,9 +16,9 @@ from .support import FakeController, plant_status
 def test_hands_go_home_first() -> None:
     desk = Desk()
     for side in ("left", "right"):
-        position, quaternion = home_pose(side)
-        np.testing.assert_allclose(desk.hand(side)[0], position, atol=1e-4)
-        assert np.linalg.norm(rotation_vector(desk.hand(side)[1], quaternion)) < 1e-3
+        home = home_pose(side)
+        np.testing.assert_allclose(desk.hand(side)[0], home.position, atol=1e-4)
+        assert np.linalg.norm(rotation_between(desk.hand(side)[1], home.quaternion)) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -82,7 +82,7 @@ def test_rotation_keys_turn_about_body_axes(key: str, axis: tuple[int, int, int]
     desk = Desk()
     before = desk.hand("left")[1]
     desk.type(key, run=3.0)
-    turned = rotation_vector(before, desk.hand("left")[1])
+    turned = rotation_between(before, desk.hand("left")[1])
     np.testing.assert_allclose(turned, np.radians(5.0) * np.array(axis), atol=2e-3)
 
 
@@ -118,7 +118,7 @@ def test_head_keys() -> None:
 
 def test_home_brings_the_selected_hand_back() -> None:
     desk = Desk().type("i", "u", "z", "h", run=3.0)
-    np.testing.assert_allclose(desk.hand("left")[0], home_pose("left")[0], atol=1e-4)
+    np.testing.assert_allclose(desk.hand("left")[0], home_pose("left").position, atol=1e-4)
 
 
 def test_plant_keys() -> None:

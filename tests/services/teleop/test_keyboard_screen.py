@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from common.robot.pose import Pose
 from common.schemas import CameraFrame, GuardMode, Header, OperatorStatus
 from common.topics import (
     CAMERA_LEFT,
@@ -27,7 +28,7 @@ def status(finished: bool = False) -> OperatorStatus:
 def test_it_watches_while_a_script_runs_and_takes_over_without_a_jump() -> None:
     desk = Desk(settle=0.0)
     other = OperatorTargets()
-    other.hands["left"].place(np.array([0.42, 0.2, 0.2]), other.hands["left"].quaternion)
+    other.hands["left"].place(Pose(np.array([0.42, 0.2, 0.2]), other.hands["left"].quaternion))
     setpoint = other.setpoint(5).model_copy(update={"header": Header(source="teleop")})
     desk.bench.inputs.put(TELEOP_STATUS, status())
     desk.bench.inputs.put(TELEOP_SETPOINT, setpoint)

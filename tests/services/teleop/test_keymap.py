@@ -6,12 +6,12 @@ from common.schemas import Gait
 from services.teleop.keyboard.keymap import (
     BY_KEY,
     KEYMAP,
-    Do,
+    Action,
     KeyDecoder,
-    Select,
-    Shift,
-    Turn,
-    Walk,
+    MoveHands,
+    RequestGait,
+    SelectHands,
+    TurnHands,
 )
 from services.teleop.keyboard.screen import WIDTH, help_lines
 
@@ -22,22 +22,22 @@ def test_no_key_is_bound_twice() -> None:
 
 def test_every_gait_and_every_hand_direction_has_a_key() -> None:
     commands = [binding.command for binding in KEYMAP]
-    assert {c.gait for c in commands if isinstance(c, Walk)} == set(Gait) - {Gait.NONE}
-    for kind in (Shift, Turn):
+    assert {c.gait for c in commands if isinstance(c, RequestGait)} == set(Gait) - {Gait.NONE}
+    for kind in (MoveHands, TurnHands):
         ways = {(c.axis, c.sign) for c in commands if isinstance(c, kind)}
         assert ways == {(axis, sign) for axis in "xyz" for sign in (-1, 1)}
-    assert {c.sides for c in commands if isinstance(c, Select)} == {
+    assert {c.sides for c in commands if isinstance(c, SelectHands)} == {
         ("left",),
         ("right",),
         ("left", "right"),
     }
-    whats = {c.what for c in commands if isinstance(c, Do)}
-    assert whats == {"grip", "home", "push", "pause", "reset", "estop", "quit"}
+    names = {c.name for c in commands if isinstance(c, Action)}
+    assert names == {"grip", "home", "push", "pause", "reset", "estop", "quit"}
 
 
 def test_what_would_be_costly_by_accident_needs_two_presses() -> None:
     twice = {binding.command for binding in KEYMAP if binding.twice}
-    assert twice == {Do("reset"), Do("estop")}
+    assert twice == {Action("reset"), Action("estop")}
 
 
 @pytest.mark.parametrize("binding", KEYMAP, ids=lambda binding: binding.label)

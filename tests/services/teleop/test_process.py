@@ -74,7 +74,7 @@ def test_wrong_options_are_explained(options: list[str], message: str) -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--help"], "scripted   plays a script against the robot's feedback"),
+        (["--help"], "scripted   plays a script"),
         (["scripted", "--help"], "--script random --count 20 --seed 3"),
         (["keyboard", "--help"], "x x EMERGENCY STOP"),
     ],

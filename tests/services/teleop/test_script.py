@@ -5,6 +5,8 @@ import pytest
 from pydantic import ValidationError
 
 from common.errors import ConfigError
+from common.robot.kinematics import FORWARD_HAND
+from common.robot.workspace import clamp_to_workspace
 from common.schemas import Gait
 from services.teleop.scripted.library import SCRIPTS, ScriptOptions
 from services.teleop.scripted.script import (
@@ -18,7 +20,7 @@ from services.teleop.scripted.script import (
     load_script,
     parts_used,
 )
-from services.teleop.targets.hand import FORWARD_HAND, TargetLimits, hand_quaternion
+from services.teleop.targets.hand import hand_quaternion
 
 
 def flat(steps: tuple[Step, ...]) -> list[Step]:
@@ -61,13 +63,12 @@ def test_gaits_script_repeats_the_gait_asked_for() -> None:
 
 @pytest.mark.parametrize("name", list(SCRIPTS))
 def test_every_hand_pose_is_inside_the_workspace(name: str) -> None:
-    limits = TargetLimits()
     for step in flat(SCRIPTS[name](ScriptOptions(count=50)).steps):
         if isinstance(step, Move):
             for side, pose in (("left", step.left), ("right", step.right)):
                 if pose is not None:
                     p = np.array(pose.position)
-                    np.testing.assert_array_equal(p, limits.clamp(side, p))
+                    np.testing.assert_array_equal(p, clamp_to_workspace(side, p))
 
 
 @pytest.mark.parametrize("name", list(SCRIPTS))

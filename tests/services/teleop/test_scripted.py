@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from common.robot.rotations import rotation_vector
+from common.robot.rotations import rotation_between
 from common.schemas import ControlState, Gait, GaitOutcome, GuardMode, OperatorStatus, Setpoint
 from common.topics import PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
 from services.teleop.scripted.library import SCRIPTS, ScriptOptions
@@ -63,7 +63,7 @@ def test_move_reaches_the_pose_along_a_minimum_jerk_path() -> None:
     assert isinstance(end, Setpoint)
     np.testing.assert_allclose(end.left_hand_position_in_body, [0.40, 0.20, 0.10], atol=1e-9)
     assert np.linalg.norm(
-        rotation_vector(end.left_hand_quaternion_in_body, hand_quaternion(0.1, 0.2, -0.1))
+        rotation_between(end.left_hand_quaternion_in_body, hand_quaternion(0.1, 0.2, -0.1))
     ) == pytest.approx(0.0, abs=1e-9)
     # Half the way at half the time, and slow at both ends.
     x = np.array([m.left_hand_position_in_body[0] for m in b.messages(TELEOP_SETPOINT)])

@@ -2,30 +2,27 @@
 
 import math
 
-import mujoco
 import numpy as np
 import pytest
 
 from common.errors import ConfigError
-from common.robot.frames import BODY_FRAME, HAND_FRAMES
-from common.robot.joints import JOINT_NAMES, MJCF_PATH, POSITION_LOWER, POSITION_UPPER
-from common.robot.rotations import Array, rotation_vector
+from common.robot.pose import Pose, Pose2
 from common.schemas import ControlState, DeviceInput, Gait, Header, PlantState
+from common.schemas.arrays import Float64Array as Array
 from common.topics import PLANT_STATE, TELEOP_DEVICE, TELEOP_GAIT, TELEOP_SETPOINT
-from services.teleop.synthetic.arms import hand_in_body
-from services.teleop.synthetic.limb import Limb, Tremor, minimum_jerk
-from services.teleop.synthetic.person import Person
+from services.teleop.synthetic.observation import Observation, Observer
+from services.teleop.synthetic.operator_hand import OperatorHand, Tremor
+from services.teleop.synthetic.operator_model import OperatorModel
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
-from services.teleop.synthetic.sight import Eyes, Pose, Sight
 from services.teleop.synthetic.strategies import STRATEGIES, find_strategy
 from services.teleop.synthetic.traits import TRAITS
 from services.teleop.synthetic.walking import (
     STEPS,
-    Place,
     Tolerance,
     plan_gaits,
     rule_gait,
 )
+from services.teleop.targets.hand import minimum_jerk
 from services.wbc.config import GaitConfig
 from services.wbc.footsteps import gait_displacement
 from tests.services.teleop.support import Bench, FakeController
@@ -33,65 +30,46 @@ from tests.services.teleop.support import Bench, FakeController
 STEADY = TRAITS["steady"]
 
 
-def test_hands_are_where_the_simulator_has_them() -> None:
-    model = mujoco.MjModel.from_xml_path(str(MJCF_PATH))
-    data = mujoco.MjData(model)
-    rng = np.random.default_rng(4)
-    addresses = [int(model.joint(name).qposadr[0]) for name in JOINT_NAMES]
-    for _ in range(20):
-        joints = rng.uniform(POSITION_LOWER, POSITION_UPPER)
-        data.qpos[addresses] = joints
-        mujoco.mj_kinematics(model, data)
-        torso = data.body(BODY_FRAME)
-        rotation = torso.xmat.reshape(3, 3)
-        for side, site in HAND_FRAMES.items():
-            position, quaternion = hand_in_body(side, joints)
-            true = data.site(site)
-            np.testing.assert_allclose(position, rotation.T @ (true.xpos - torso.xpos), atol=1e-9)
-            turned = np.zeros(4)
-            mujoco.mju_mat2Quat(turned, (rotation.T @ true.xmat.reshape(3, 3)).ravel())
-            assert np.linalg.norm(rotation_vector(turned, quaternion)) < 1e-6
-
-
 def test_the_operator_has_learnt_what_the_gaits_do() -> None:
     for gait, step in STEPS.items():
-        assert step == pytest.approx(gait_displacement(gait, GaitConfig()))
+        moved = (step.x, step.y, step.yaw)
+        assert moved == pytest.approx(gait_displacement(gait, GaitConfig()))
 
 
 @pytest.mark.parametrize("seed", range(12))
 def test_planned_gaits_lead_to_the_goal_and_are_few(seed: int) -> None:
     rng = np.random.default_rng(seed)
     x, y, yaw = rng.normal((0.0, 0.0, 0.0), (0.1, 0.2, 0.2))
-    here, goal = Place(x, y, yaw), Place(1.0, 0.0, 0.0)
+    here, goal = Pose2(x, y, yaw), Pose2(1.0, 0.0, 0.0)
     tolerance = Tolerance(0.05, math.radians(9.1))
     gaits = plan_gaits(here, goal, tolerance)
     for gait in gaits:
-        here = here.after(gait)
+        here = here.then(STEPS[gait])
     assert tolerance.met(here, goal)
     assert 4 <= len(gaits) <= 12
 
 
 def test_the_rule_turns_then_goes_ahead_then_aside() -> None:
-    goal, tolerance = Place(0.4, 0.1, 0.0), Tolerance()
-    here, done = Place(0.0, 0.0, 0.3), []
+    goal, tolerance = Pose2(0.4, 0.1, 0.0), Tolerance()
+    here, done = Pose2(0.0, 0.0, 0.3), []
     while (gait := rule_gait(here, goal, tolerance)) is not None:
         done.append(gait)
-        here = here.after(gait)
+        here = here.then(STEPS[gait])
     assert done == [Gait.TURN_RIGHT, Gait.FORWARD, Gait.FORWARD, Gait.SIDE_LEFT]
 
 
 def test_a_reach_is_bell_shaped_and_arrives() -> None:
-    limb = Limb("left", np.random.default_rng(0), 0.0, 0.0)
-    start = limb.position
-    limb.move(np.array([0.1, 0.0, 0.0]), np.zeros(3), 1.0)
+    own = OperatorHand("left", np.random.default_rng(0), 0.0, 0.0)
+    start = own.position
+    own.move(np.array([0.1, 0.0, 0.0]), np.zeros(3), 1.0)
     path = [start]
-    while limb.moving:
-        limb.advance(0.05)
-        path.append(limb.position)
+    while own.moving:
+        own.advance(0.05)
+        path.append(own.position)
     steps = np.diff(np.array(path)[:, 0])
     assert np.argmax(steps) in {9, 10}
     assert steps[0] < 0.1 * steps.max()
-    np.testing.assert_allclose(limb.position - start, [0.1, 0.0, 0.0])
+    np.testing.assert_allclose(own.position - start, [0.1, 0.0, 0.0])
     assert minimum_jerk(0.5) == pytest.approx(0.5)
 
 
@@ -111,38 +89,38 @@ def test_tremor_has_its_size_and_its_band() -> None:
     assert inside > 0.999 * power.sum()
 
 
-def sight(hand: Array | None = None, stamp: int = 0) -> Sight:
+def observation(hand: Array | None = None, stamp: int = 0) -> Observation:
     flat = np.array([1.0, 0.0, 0.0, 0.0])
     there = np.array([0.3, 0.2, 0.0]) if hand is None else hand
     hands = {"left": Pose(there, flat), "right": Pose(np.array([0.3, -0.2, 0.0]), flat)}
-    return Sight(stamp, Pose(np.zeros(3), flat), hands, balancing=True)
+    return Observation(stamp, Pose(np.zeros(3), flat), hands, balancing=True)
 
 
-def reaching(delay: int) -> tuple[Person, list[Array], list[bool]]:
+def reaching(delay: int) -> tuple[OperatorModel, list[Array], list[bool]]:
     """A reach of 20 cm by a hand that follows perfectly but is seen ``delay`` ticks late."""
-    person = Person(STEADY, np.random.default_rng(0), sight())
+    operator = OperatorModel(STEADY, np.random.default_rng(0), observation())
     goal = Pose(np.array([0.3, 0.4, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
-    offset = person.sight.hands["left"].position - person.limbs["left"].position
-    hands, moving = [person.sight.hands["left"].position], []
-    act = person.reach("left", lambda _: goal, tolerance=0.01)
+    offset = operator.seen.hands["left"].position - operator.own_hands["left"].position
+    hands, moving = [operator.seen.hands["left"].position], []
+    act = operator.reach("left", lambda _: goal, tolerance=0.01)
     for k in range(1, 400):
         late = hands[max(0, len(hands) - 1 - delay)]
-        person.perceive(sight(late, 50_000_000 * k), [], 0.05 * k, 0.05)
+        operator.perceive(observation(late, 50_000_000 * k), [], 0.05 * k, 0.05)
         if next(act, True):
             break
-        person.advance(0.05)
-        hands.append(person.limbs["left"].position + offset)
-        moving.append(person.limbs["left"].moving)
-    return person, hands, moving
+        operator.advance(0.05)
+        hands.append(operator.own_hands["left"].position + offset)
+        moving.append(operator.own_hands["left"].moving)
+    return operator, hands, moving
 
 
 def test_a_late_picture_makes_it_wait_but_not_miss() -> None:
     quick, hands, _ = reaching(0)
     slow, late_hands, moving = reaching(10)
-    for person, path in ((quick, hands), (slow, late_hands)):
+    for operator, path in ((quick, hands), (slow, late_hands)):
         assert np.linalg.norm(path[-1] - [0.3, 0.4, 0.0]) < 0.012
         assert np.array(path)[:, 1].max() < 0.42, "it overshot: it did not wait for the picture"
-        assert person.time < 20.0
+        assert operator.time < 20.0
     assert slow.time >= quick.time + 0.45
     assert slow.lag > quick.lag + 0.1
     assert not all(moving)
@@ -203,7 +181,7 @@ def test_it_gives_up_when_the_robot_lies_down() -> None:
     bench = WalkBench(operator())
     service = bench.service
     assert isinstance(service, SyntheticOperator)
-    service._strategy = lambda person: person.pause(60.0)
+    service._strategy = lambda operator: operator.pause(60.0)
     bench.show()
     bench.run(1.0)
     assert not service.failure
@@ -218,7 +196,7 @@ def test_after_the_task_it_ends_well_or_stays(stay: bool) -> None:
     bench = WalkBench(operator(stay=stay))
     service = bench.service
     assert isinstance(service, SyntheticOperator)
-    service._strategy = lambda person: person.pause(1.0)
+    service._strategy = lambda operator: operator.pause(1.0)
     bench.show()
     bench.run(5.0)
     assert service.finished
@@ -231,13 +209,13 @@ def test_a_reset_starts_a_new_trial() -> None:
     bench.run(2.0)
     service = bench.service
     assert isinstance(service, SyntheticOperator)
-    first = service.person
+    first = service.model
     assert first is not None
     bench.show(resets=1)
     bench.run(0.5)
-    assert service.person is not None
-    assert service.person is not first
-    assert service.person.facing != first.facing
+    assert service.model is not None
+    assert service.model is not first
+    assert service.model.facing != first.facing
 
 
 def test_a_gait_unanswered_is_asked_for_again() -> None:
@@ -245,27 +223,27 @@ def test_a_gait_unanswered_is_asked_for_again() -> None:
     bench.show()
     service = bench.service
     assert isinstance(service, SyntheticOperator)
-    service._strategy = lambda person: person.gait(Gait.FORWARD, tries=3)
+    service._strategy = lambda operator: operator.gait(Gait.FORWARD, tries=3)
     bench.run(12.0)
     requests = bench.messages(TELEOP_GAIT)
     assert [request.gait for request in requests] == [Gait.FORWARD] * 3
     assert len({request.request_id for request in requests}) == 3
-    assert "forward was not done after 3 presses" in service.failure
+    assert "after 3 presses" in service.failure
 
 
 def test_every_known_task_has_a_plan_and_others_are_told() -> None:
     assert set(STRATEGIES) >= {"door/walk", "door/unlock", "bench/hammer"}
-    with pytest.raises(ConfigError, match=r"no plan for 'door/open'.*door/unlock"):
+    with pytest.raises(ConfigError, match=r"no strategy for 'door/open'.*door/unlock"):
         find_strategy("door/open")
 
 
 def test_eyes_smooth_the_noise_of_the_torso() -> None:
-    eyes, rng, seen = Eyes(), np.random.default_rng(0), []
+    eyes, rng, seen = Observer(), np.random.default_rng(0), []
     for k in range(200):
         noisy = plant_state(stamp=k + 1).model_copy(
             update={"base_position": np.array([0.0, 0.0, 0.8]) + rng.normal(0.0, 0.002, 3)}
         )
-        picture = eyes.see(noisy, None, None)
+        picture = eyes.observe(noisy, None, None)
         assert picture is not None
         seen.append(picture.torso.position)
     assert 0.0008 < np.array(seen)[20:].std(axis=0).max() < 0.0016

@@ -98,7 +98,7 @@ def terminal() -> Iterator[Pseudoterminal]:
 
 
 def restored(terminal: Pseudoterminal, patience: float = PATIENCE) -> bool:
-    """Whether the terminal is as before, within a moment (the guardian is another process)."""
+    """Whether the terminal is as before, within a moment (the watchdog is another process)."""
     deadline = time.monotonic() + patience
     while terminal.attributes() != terminal.before and time.monotonic() < deadline:
         time.sleep(0.01)

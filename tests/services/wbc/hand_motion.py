@@ -6,7 +6,7 @@ import numpy as np
 
 from services.wbc.config import HandConfig
 from services.wbc.hands import HandReference
-from services.wbc.swing import PoseReference
+from services.wbc.references import PoseReference
 
 from .support import Array
 
@@ -18,7 +18,7 @@ AHEAD = np.eye(3)
 Pose = tuple[Array, Array]
 
 
-def resting_hand(side: int = 0, config: HandConfig = CONFIG) -> HandReference:
+def resting_hand(side: str = "left", config: HandConfig = CONFIG) -> HandReference:
     hand = HandReference(side, config)
     hand.hold(HOME, AHEAD, 0.0)
     return hand

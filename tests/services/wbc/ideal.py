@@ -2,12 +2,12 @@
 
 import numpy as np
 
+from common.robot.rotations import matrix_from_yaw, yaw_from_matrix
 from common.schemas import ControlState, Gait, GaitOutcome
-from services.wbc.body import BodyReference
 from services.wbc.config import WbcConfig
 from services.wbc.locomotion import Answer, Locomotion
+from services.wbc.references import BodyReference
 from services.wbc.robot_model import Dynamics, RobotModel, RobotState
-from services.wbc.rotations import matrix_from_yaw, yaw_of
 
 from .support import Array, nominal_state
 
@@ -47,7 +47,7 @@ class IdealRobot:
         self.com = reference.com
         for side, swing in enumerate(reference.swing):
             if swing is not None:
-                self.feet[side] = (swing.position, yaw_of(swing.rotation))
+                self.feet[side] = (swing.position, yaw_from_matrix(swing.rotation))
         self.trace.append((self.time, self.locomotion.state, reference))
         self.answers += self.locomotion.answers()
         return reference

@@ -15,7 +15,6 @@ from services.wbc.config import (
     wbc_config,
 )
 from services.wbc.errors import SolverUnavailableError
-from services.wbc.motors import joint_gains
 from services.wbc.solvers import make_solver
 
 
@@ -91,7 +90,7 @@ def test_motor_gains_reach_their_joints() -> None:
         name: Gains(kp=10.0 * k, kd=1.0 * k)
         for k, name in enumerate(MotorGains.model_fields, start=1)
     }
-    stiffness, damping = joint_gains(MotorGains(**table))
+    stiffness, damping = MotorGains(**table).per_joint()
     expected = {
         "hip_ie": 10.0, "hip_aa": 10.0, "hip_fe": 10.0,
         "knee_fe_jp": 10.0, "knee_fe_jd": 10.0,

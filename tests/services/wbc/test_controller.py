@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from common.robot import frames, joints
+from common.robot.rotations import (
+    matrix_from_rotation_vector,
+    matrix_from_yaw,
+    rotation_vector_from_matrix,
+    yaw_from_matrix,
+)
 from common.schemas import Gait
 from services.sim.physics.stance import standing_torque
 from services.wbc.config import Gains, TaskConfig, WbcConfig
 from services.wbc.controller import MAX_DUMPS, TORQUE_SHARE, Command, Controller
 from services.wbc.qp import NORMAL, QpBuilder, QpData
+from services.wbc.references import PoseReference
 from services.wbc.robot_model import Dynamics, RobotModel, RobotState
-from services.wbc.rotations import (
-    matrix_from_rotation_vector,
-    matrix_from_yaw,
-    rotation_vector,
-    yaw_of,
-)
 from services.wbc.solvers import make_solver
-from services.wbc.swing import PoseReference
 from services.wbc.tasks import (
     COM,
     FEET,
@@ -173,7 +173,9 @@ def test_first_targets_only_brake(model: RobotModel) -> None:
             assert np.abs(target[rows] + kd * hand.velocity + hand.bias).max() < 1e-9
         # The torso is righted at once, its heading kept.
         rotation = dynamics.base_rotation
-        upright = rotation_vector(matrix_from_yaw(yaw_of(rotation)) @ rotation.T)
+        upright = rotation_vector_from_matrix(
+            matrix_from_yaw(yaw_from_matrix(rotation)) @ rotation.T
+        )
         rate = rotation @ dynamics.base_twist[3:]
         assert np.abs(target[TORSO] - (100.0 * upright - 20.0 * rate)).max() < 1e-9
         kp, kd, _ = posture_gains(CONFIG.tasks)
@@ -242,7 +244,7 @@ def test_hands_hold_where_they_are_found(model: RobotModel) -> None:
         target, rotation = controller.hands[side].target
         assert target == pytest.approx(np.array(frames.NOMINAL_HAND_IN_BODY[name]), abs=1e-6)
         found = model.update(RobotState.from_plant(nominal_state())).hands[side].rotation
-        assert np.abs(rotation_vector(rotation @ found.T)).max() < 1e-12
+        assert np.abs(rotation_vector_from_matrix(rotation @ found.T)).max() < 1e-12
     assert np.abs(report.hand_error).max() < 1e-9
 
 

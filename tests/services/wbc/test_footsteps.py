@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from common.robot.rotations import matrix_from_yaw, wrap_angle
 from common.schemas import Gait
 from services.wbc.config import GaitConfig
 from services.wbc.footsteps import (
@@ -13,7 +14,6 @@ from services.wbc.footsteps import (
     plan_footsteps,
     stance_between,
 )
-from services.wbc.rotations import matrix_from_yaw, wrap_angle
 
 from .support import GAITS, Array
 

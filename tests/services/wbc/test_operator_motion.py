@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from common.robot.rotations import matrix_from_rotation_vector
 from services.wbc.config import HandConfig
 from services.wbc.operator_motion import OperatorMotion
-from services.wbc.rotations import matrix_from_rotation_vector
 
 from .hand_motion import AHEAD, CONFIG, HOME, PERIOD, Pose, at_x, follow, resting_hand
 
@@ -54,7 +54,7 @@ def test_a_movement_is_taken_as_it_comes() -> None:
     motion = OperatorMotion(CONFIG, HOME, AHEAD)
     step = np.array([CONFIG.movement_ratio * CONFIG.tremor, 0.0, 0.0])
     turned = matrix_from_rotation_vector(np.array([0.0, 0.0, 0.1]))
-    motion.take(HOME + step, turned, PERIOD)
+    motion.update(HOME + step, turned, PERIOD)
     assert motion.position == pytest.approx(HOME + step, abs=1e-15)
     assert motion.rate[:3] == pytest.approx(step / PERIOD)
     assert motion.rate[3:] == pytest.approx([0.0, 0.0, 0.1 / PERIOD])

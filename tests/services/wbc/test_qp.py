@@ -5,7 +5,6 @@ import pytest
 
 from common.robot import joints
 from services.wbc.config import ContactConfig, LimitConfig, TaskConfig, WbcConfig
-from services.wbc.contacts import wrench_cone
 from services.wbc.qp import (
     AIRBORNE,
     ARM_BOUNDS,
@@ -19,6 +18,7 @@ from services.wbc.qp import (
     TORQUE,
     QpBuilder,
     QpData,
+    wrench_cone,
 )
 from services.wbc.robot_model import NV, Dynamics, RobotModel, RobotState
 from services.wbc.tasks import NUM_ROWS, TaskStack

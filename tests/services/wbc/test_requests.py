@@ -11,46 +11,46 @@ def _request(request_id: int, boot: int = 1) -> GaitRequest:
 
 def test_a_repeated_request_gets_the_latest_answer() -> None:
     book = RequestTracker()
-    number = book.enter(_request(40))
+    number = book.register(_request(40))
     assert number is not None
-    assert book.answered(_request(40)) is None
-    assert book.enter(_request(40)) is None
-    book.note(Answer(number, Gait.FORWARD, GaitOutcome.ACCEPTED))
-    book.note(Answer(number, Gait.FORWARD, GaitOutcome.COMPLETED, "done"))
-    assert book.answered(_request(40)) == Answer(40, Gait.FORWARD, GaitOutcome.COMPLETED, "done")
+    assert book.answer_to(_request(40)) is None
+    assert book.register(_request(40)) is None
+    book.record(Answer(number, Gait.FORWARD, GaitOutcome.ACCEPTED))
+    book.record(Answer(number, Gait.FORWARD, GaitOutcome.COMPLETED, "done"))
+    assert book.answer_to(_request(40)) == Answer(40, Gait.FORWARD, GaitOutcome.COMPLETED, "done")
 
 
 def test_senders_do_not_share_request_ids() -> None:
     book = RequestTracker()
-    one, other = book.enter(_request(1, boot=1)), book.enter(_request(1, boot=2))
+    one, other = book.register(_request(1, boot=1)), book.register(_request(1, boot=2))
     assert one is not None
     assert other is not None
     assert one != other
-    book.note(Answer(one, Gait.FORWARD, GaitOutcome.REFUSED))
-    assert book.answered(_request(1, boot=2)) is None
+    book.record(Answer(one, Gait.FORWARD, GaitOutcome.REFUSED))
+    assert book.answer_to(_request(1, boot=2)) is None
     assert book.request_id(Answer(other, Gait.FORWARD, GaitOutcome.ACCEPTED)) == 1
 
 
 def test_old_requests_are_forgotten() -> None:
     book = RequestTracker()
     for k in range(REMEMBERED + 10):
-        number = book.enter(_request(k))
+        number = book.register(_request(k))
         assert number is not None
-        book.note(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
-    assert book.answered(_request(9)) is None
-    assert book.answered(_request(10)) is not None
+        book.record(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
+    assert book.answer_to(_request(9)) is None
+    assert book.answer_to(_request(10)) is not None
     # A forgotten one is new again.
-    assert book.enter(_request(9)) is not None
+    assert book.register(_request(9)) is not None
 
 
 def test_a_request_in_progress_is_not_forgotten() -> None:
     book = RequestTracker()
-    running = book.enter(_request(7))
+    running = book.register(_request(7))
     assert running is not None
-    book.note(Answer(running, Gait.FORWARD, GaitOutcome.ACCEPTED))
+    book.record(Answer(running, Gait.FORWARD, GaitOutcome.ACCEPTED))
     for k in range(100, 100 + REMEMBERED + 20):
-        number = book.enter(_request(k))
+        number = book.register(_request(k))
         assert number is not None
-        book.note(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
-    assert book.enter(_request(7)) is None
+        book.record(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
+    assert book.register(_request(7)) is None
     assert book.request_id(Answer(running, Gait.FORWARD, GaitOutcome.COMPLETED)) == 7

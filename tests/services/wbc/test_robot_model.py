@@ -5,6 +5,7 @@ import pinocchio as pin
 import pytest
 
 from common.robot import frames, joints
+from common.robot.rotations import rotation_vector_from_matrix
 from services.wbc.errors import ModelError
 from services.wbc.robot_model import (
     NV,
@@ -14,7 +15,6 @@ from services.wbc.robot_model import (
     RobotModel,
     RobotState,
 )
-from services.wbc.rotations import rotation_vector
 
 from .support import Array, G, full_velocity, nominal_state, random_states, reduced_velocity
 
@@ -37,7 +37,7 @@ def _moved(model: RobotModel, state: RobotState, reduced: Array) -> RobotState:
 
 
 def _rotation_rate(after: Array, before: Array) -> Array:
-    return rotation_vector(after @ before.T) / (2.0 * STEP)
+    return rotation_vector_from_matrix(after @ before.T) / (2.0 * STEP)
 
 
 FRAMES = ("left foot", "right foot", "left hand", "right hand")

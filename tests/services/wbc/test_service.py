@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.robot.rotations import matrix_from_quaternion
 from common.runtime.service import Output
 from common.schemas import (
     ControllerState,
@@ -31,8 +32,6 @@ from common.topics import (
 from common.wire.codec import encode
 from services.wbc.config import WbcConfig
 from services.wbc.hands import HandReference
-from services.wbc.motors import joint_gains
-from services.wbc.rotations import matrix_from_quaternion
 from services.wbc.service import LONGEST_GAP_NS, WbcService
 
 from .bench import Bench
@@ -120,7 +119,7 @@ def test_command_carries_gains_and_grippers() -> None:
     (command,) = _of(
         desk.state(1010, (TELEOP_SETPOINT, setpoint(closure=(0.5, 1.0)))), JointCommand
     )
-    stiffness, damping = joint_gains(CONFIG.motors)
+    stiffness, damping = CONFIG.motors.per_joint()
     assert np.array_equal(command.stiffness, stiffness)
     assert np.array_equal(command.damping, damping)
     assert command.gripper_closure.tolist() == [0.5, 1.0]
@@ -132,7 +131,7 @@ def test_a_setpoint_counts_once_when_it_arrives() -> None:
     desk = Desk()
     desk.state(1000)
     hand = desk.service.controller.hands[0]
-    alone = HandReference(0, CONFIG.hands)
+    alone = HandReference("left", CONFIG.hands)
     alone.hold(*hand.target, 1.0)
     message = setpoint(left=np.array([0.4, 0.2, 0.1]))
     desk.state(1010, (TELEOP_SETPOINT, message))

@@ -3,7 +3,11 @@
 import numpy as np
 import pytest
 
-from services.wbc.rotations import matrix_from_rotation_vector, matrix_from_yaw, rotation_vector
+from common.robot.rotations import (
+    matrix_from_rotation_vector,
+    matrix_from_yaw,
+    rotation_vector_from_matrix,
+)
 from services.wbc.swing import SwingTrajectory, minimum_jerk
 
 from .support import Array
@@ -57,16 +61,16 @@ def test_horizontal_way_is_straight_and_halfway_in_the_middle() -> None:
 
 def test_rotation_turns_once_from_start_to_end() -> None:
     """A full-time minimum-jerk share of one turn, not twice the turn in half the time each."""
-    turn = rotation_vector(END_ROTATION @ START_ROTATION.T)
+    turn = rotation_vector_from_matrix(END_ROTATION @ START_ROTATION.T)
     for time in TIMES:
         share = minimum_jerk(time / DURATION, DURATION)[0]
-        turned = rotation_vector(SWING.at(time).rotation @ START_ROTATION.T)
+        turned = rotation_vector_from_matrix(SWING.at(time).rotation @ START_ROTATION.T)
         assert np.abs(turned - share * turn).max() < 1e-12
 
 
 def _rotation_rate(time: float, h: float) -> Array:
     after, before = SWING.at(time + h).rotation, SWING.at(time - h).rotation
-    return rotation_vector(after @ before.T) / (2.0 * h)
+    return rotation_vector_from_matrix(after @ before.T) / (2.0 * h)
 
 
 def test_velocity_is_the_rate_of_the_pose() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from common.schemas import ControlState, Gait, GaitOutcome
-from services.wbc.body import UNLOADED
 from services.wbc.config import WbcConfig
+from services.wbc.references import UNLOADED
 from services.wbc.robot_model import RobotModel
 
 from .bench import Bench

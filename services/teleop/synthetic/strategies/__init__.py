@@ -1,10 +1,10 @@
-"""How the synthetic operator does each task: one small plan of guarded way-points a module."""
+"""Strategies of the synthetic operator: a plan of way-points and conditions for each task."""
 
 from collections.abc import Callable
 from typing import Final
 
 from common.errors import ConfigError
-from services.teleop.synthetic.person import Act, Person
+from services.teleop.synthetic.operator_model import Act, OperatorModel
 from services.teleop.synthetic.strategies.bench_hammer import hammer
 from services.teleop.synthetic.strategies.bench_push import push_cart
 from services.teleop.synthetic.strategies.door_push import push_through
@@ -13,7 +13,7 @@ from services.teleop.synthetic.strategies.hardware_cap import take_cap_off
 from services.teleop.synthetic.strategies.hardware_tool import tool_into_box
 from services.teleop.synthetic.strategies.walk import walk_to_cart, walk_to_door
 
-Strategy = Callable[[Person], Act]
+Strategy = Callable[[OperatorModel], Act]
 
 STRATEGIES: Final[dict[str, Strategy]] = {
     "door/walk": walk_to_door,
@@ -25,18 +25,18 @@ STRATEGIES: Final[dict[str, Strategy]] = {
     "hardware/tool": tool_into_box,
     "hardware/cap": take_cap_off,
 }
-"""By task."""
+"""Strategies by task."""
 
 
 def find_strategy(task: str) -> Strategy:
-    """The plan for ``task``.
+    """Return the strategy for ``task``.
 
     Raises:
-        ConfigError: the synthetic operator does not know this task.
+        ConfigError: there is no strategy for this task.
     """
     if task not in STRATEGIES:
         raise ConfigError(
-            f"the synthetic operator has no plan for {task!r}; expected one of "
+            f"the synthetic operator has no strategy for {task!r}; expected one of "
             f"{', '.join(STRATEGIES)}"
         )
     return STRATEGIES[task]

@@ -1,166 +1,170 @@
 """door/unlock: press the lever down with the left fist, then push the leaf ajar.
 
-The leaf is pushed with the same fist or, by some and where the arm reaches so far, with the other.
+The leaf is pushed with the same fist or, in some trials, with the other one if it is in reach.
 """
 
 import numpy as np
 
-from common.robot.rotations import Array
-from services.teleop.synthetic.arms import rotate_vector
-from services.teleop.synthetic.person import Act, Person, StrategyError
-from services.teleop.synthetic.sight import Pose, Sight, easy_yaw, hand_pose
+from common.robot.pose import Pose
+from common.robot.rotations import conjugate, rotate_vector
+from common.schemas.arrays import Float64Array as Array
+from services.teleop.synthetic.observation import Observation, easy_yaw, hand_pose
+from services.teleop.synthetic.operator_model import Act, OperatorModel, StrategyError
+from services.teleop.targets.hand import hand_quaternion
 
 PRESSED = 0.5
-"""Lever angle that frees the bolt, with room for the lever to rise a little [rad]."""
+"""Lever angle that frees the bolt, with a margin for the lever to rise a little [rad]."""
 AJAR = 0.055
 """Leaf angle at which to stop pushing [rad]."""
 LEAD = 0.17
-"""How far the own hand may be ahead in contact [m]: the force, some 80 N/m, comes of it."""
+"""Lead of the own hand in contact [m]; it makes the force, about 80 N/m."""
 DOWN = (0.12, 0.0, -0.993)
-"""A little forward: a pressed hand yields backward and would slip off the lever."""
+"""Direction of pressing: a little forward, for a pressed hand yields backward off the lever."""
 FURTHEST = 0.425
-"""Before the body a hand still has room to push [m]."""
+"""Largest x at which a hand can still push [m]."""
 SIDE = "left"
 OTHER = "right"
 TWO_HANDED = 0.45
-"""How often one hand presses the lever and the other pushes the leaf, where it reaches so far."""
+"""Probability that the other hand pushes the leaf, if it reaches it."""
 NEAR = 0.45
-"""From further off the other arm is stretched before the bolt is past the strike [m]."""
+"""Largest distance to the leaf at which the other arm reaches it [m]."""
 LEVER_BEFORE_LEAF = 0.06
-"""From the lever's middle to the leaf's front [m]."""
+"""Distance from the lever's middle to the leaf's front [m]."""
 BEFORE_LEAF = 0.08
-"""From the leaf's front to the ready fist [m]."""
+"""Distance from the leaf's front to the ready fist [m]."""
 
 
-def level_hand(sight: Sight, point: Array, roll: float = 0.0) -> Pose:
-    """The fist at a point (3,) of the world, level and turned as is easy, in the body frame."""
-    place = np.minimum(sight.torso.local(point), (FURTHEST, np.inf, np.inf))
+def level_hand(seen: Observation, point: Array, roll: float = 0.0) -> Pose:
+    """Return the level fist at a point (3,) of the world, at an easy yaw, in the body frame."""
+    place = np.minimum(seen.torso.local(point), (FURTHEST, np.inf, np.inf))
     yaw = easy_yaw(SIDE, float(place[1]))
-    return Pose(place, hand_pose(0.0, 0.0, 0.0, roll, 0.0, yaw).quaternion)
+    return Pose(place, hand_quaternion(roll, 0.0, yaw))
 
 
-def in_body(sight: Sight, direction: tuple[float, float, float]) -> Array:
-    """A direction of the world (3,) in the body frame."""
-    inverse = sight.torso.quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-    return rotate_vector(inverse, np.array(direction))
+def in_body(seen: Observation, direction: tuple[float, float, float]) -> Array:
+    """Return a direction of the world (3,) in the body frame."""
+    return rotate_vector(conjugate(seen.torso.quaternion), np.array(direction))
 
 
-def unlock(person: Person) -> Act:
+def unlock(operator: OperatorModel) -> Act:
     """Unlock the door and draw the hand back."""
-    person.note = "looking at the lever"
-    yield from person.react()
-    yield from person.engage("left", "right")
-    two_handed = person.chance(TWO_HANDED) and leaf_ahead(person.sight) < NEAR
+    operator.note = "looking at the lever"
+    yield from operator.react()
+    yield from operator.engage("left", "right")
+    two_handed = operator.chance(TWO_HANDED) and leaf_ahead(operator.seen) < NEAR
     if two_handed:
-        yield from ready_at_leaf(person)
+        yield from ready_at_leaf(operator)
     for attempt in range(4):
         pusher = OTHER if two_handed and attempt == 0 else SIDE
-        opened = yield from press_and_push(person, pusher, first=attempt == 0)
+        opened = yield from press_and_push(operator, pusher, first=attempt == 0)
         if opened:
             break
-        person.note = "once more"
-        yield from draw_back(person)
+        operator.note = "once more"
+        yield from draw_back(operator)
     else:
         raise StrategyError("the door did not open in four attempts")
-    yield from person.pause(max(0.0, person.vary(0.2, 0.15)))
-    yield from draw_back(person)
-    person.note = "done"
+    yield from operator.pause(max(0.0, operator.vary(0.2, 0.15)))
+    yield from draw_back(operator)
+    operator.note = "done"
     return True
 
 
-def press_and_push(person: Person, pusher: str, *, first: bool) -> Act:
-    """Come from beside the lever, lay the fist on it, press, and push; whether the leaf opened.
-
-    From the front the fist would meet the lever: close to the body the arm does not reach high.
+def press_and_push(operator: OperatorModel, pusher: str, *, first: bool) -> Act:
+    """Press the lever and push the leaf; succeeds if the leaf opens.
 
     Args:
-        person: the operator.
-        pusher: the hand that pushes the leaf.
-        first: whether this is the first attempt; at a later one it looks before it presses.
+        operator: model of the person.
+        pusher: side of the hand that pushes the leaf.
+        first: whether this is the first attempt; at a later one the hand stops beside the lever.
     """
-    aside, ahead = person.vary(0.006, 0.008), person.vary(0.014, 0.006)
-    hover = person.vary(0.07, 0.006)
-    before, outside = person.vary(0.03, 0.01), person.vary(0.20, 0.012)
-    roll = person.vary(0.0, 0.06)
-    rest = person.sight.thing("lever_grip").position
-    person.note = "to the lever"
-
-    def beside(sight: Sight) -> Pose:
-        return level_hand(sight, rest + np.array([-before, outside, hover]), roll)
-
-    def above(sight: Sight) -> Pose:
-        return level_hand(sight, rest + np.array([ahead, aside, hover]), roll)
-
-    stop = not first or person.chance(0.4)
-    yield from person.together(
-        person.grip(SIDE, 1.0),
-        person.reach(
-            SIDE,
-            beside,
-            speed=person.vary(1.1, 0.15),
-            tolerance=0.04,
-            through=not stop,
-        ),
-    )
-    yield from person.reach(
-        SIDE, above, speed=person.vary(0.9, 0.12), tolerance=0.02, corrections=2
-    )
-    person.note = "pressing the lever"
-    pressed = yield from person.push(
+    yield from above_lever(operator, first=first)
+    operator.note = "pressing the lever"
+    pressed = yield from operator.push(
         SIDE,
-        lambda sight: in_body(sight, DOWN),
+        lambda seen: in_body(seen, DOWN),
         0.27,
-        speed=person.vary(0.13, 0.02),
-        until=lambda sight: sight.joints["door_lever"] > PRESSED,
+        speed=operator.vary(0.13, 0.02),
+        until=lambda seen: seen.joints["door_lever"] > PRESSED,
         lead=LEAD,
     )
     if not pressed:
         return False
-    if person.chance(0.3):
-        yield from person.pause(abs(person.vary(0.0, 0.2)))
-    person.note = f"pushing the leaf, {pusher} fist"
-    opened = yield from person.push(
+    if operator.chance(0.3):
+        yield from operator.pause(abs(operator.vary(0.0, 0.2)))
+    operator.note = f"pushing the leaf, {pusher} fist"
+    opened = yield from operator.push(
         pusher,
-        lambda sight: in_body(sight, (1.0, 0.0, 0.0)),
+        lambda seen: in_body(seen, (1.0, 0.0, 0.0)),
         0.25,
-        speed=person.vary(0.15, 0.02),
-        until=lambda sight: sight.joints["door_hinge"] > AJAR,
+        speed=operator.vary(0.15, 0.02),
+        until=lambda seen: seen.joints["door_hinge"] > AJAR,
         lead=LEAD,
     )
     return opened
 
 
-def leaf_ahead(sight: Sight) -> float:
-    """From the torso to the leaf's front [m]."""
-    return float(
-        sight.thing("lever_grip").position[0] + LEVER_BEFORE_LEAF - sight.torso.position[0]
+def above_lever(operator: OperatorModel, *, first: bool) -> Act:
+    """Move the fist above the lever, from beside it.
+
+    From the front the fist would meet the lever, for close to the body the arm does not reach high.
+    """
+    aside, ahead = operator.vary(0.006, 0.008), operator.vary(0.014, 0.006)
+    hover = operator.vary(0.07, 0.006)
+    before, outside = operator.vary(0.03, 0.01), operator.vary(0.20, 0.012)
+    roll = operator.vary(0.0, 0.06)
+    rest = operator.seen.pose_of("lever_grip").position
+    operator.note = "to the lever"
+
+    def beside(seen: Observation) -> Pose:
+        return level_hand(seen, rest + np.array([-before, outside, hover]), roll)
+
+    def above(seen: Observation) -> Pose:
+        return level_hand(seen, rest + np.array([ahead, aside, hover]), roll)
+
+    through = first and not operator.chance(0.4)
+    yield from operator.together(
+        operator.grip(SIDE, 1.0),
+        operator.reach(
+            SIDE, beside, speed=operator.vary(1.1, 0.15), tolerance=0.04, through=through
+        ),
     )
-
-
-def ready_at_leaf(person: Person) -> Act:
-    """The right fist before the leaf, to push when the lever is down."""
-    height, aside = person.vary(0.04, 0.015), person.vary(-0.12, 0.015)
-    person.note = "right fist to the leaf"
-
-    def ready(sight: Sight) -> Pose:
-        ahead = min(FURTHEST, leaf_ahead(sight) - BEFORE_LEAF)
-        return hand_pose(ahead, aside, height, 0.0, 0.0, easy_yaw(OTHER, aside))
-
-    yield from person.together(
-        person.grip(OTHER, 1.0),
-        person.reach(OTHER, ready, speed=person.vary(1.1, 0.15), tolerance=0.04, corrections=1),
+    yield from operator.reach(
+        SIDE, above, speed=operator.vary(0.9, 0.12), tolerance=0.02, corrections=2
     )
     return True
 
 
-def draw_back(person: Person) -> Act:
-    """Take the hand straight back from the lever; raising it would hook the lever."""
-    distance = person.vary(0.13, 0.015)
+def leaf_ahead(seen: Observation) -> float:
+    """Return the distance from the torso to the leaf's front [m]."""
+    return float(
+        seen.pose_of("lever_grip").position[0] + LEVER_BEFORE_LEAF - seen.torso.position[0]
+    )
 
-    def back(sight: Sight) -> Pose:
-        here = sight.hands[SIDE]
-        return Pose(here.position + in_body(sight, (-distance, 0.0, 0.0)), here.quaternion)
 
-    goal = back(person.sight)
-    yield from person.reach(SIDE, lambda _: goal, tolerance=0.05, corrections=1)
+def ready_at_leaf(operator: OperatorModel) -> Act:
+    """Move the right fist before the leaf, to push when the lever is down."""
+    height, aside = operator.vary(0.04, 0.015), operator.vary(-0.12, 0.015)
+    operator.note = "right fist to the leaf"
+
+    def ready(seen: Observation) -> Pose:
+        ahead = min(FURTHEST, leaf_ahead(seen) - BEFORE_LEAF)
+        return hand_pose(ahead, aside, height, 0.0, 0.0, easy_yaw(OTHER, aside))
+
+    yield from operator.together(
+        operator.grip(OTHER, 1.0),
+        operator.reach(OTHER, ready, speed=operator.vary(1.1, 0.15), tolerance=0.04, corrections=1),
+    )
+    return True
+
+
+def draw_back(operator: OperatorModel) -> Act:
+    """Draw the hand straight back from the lever; raising it would lift the lever."""
+    distance = operator.vary(0.13, 0.015)
+
+    def back(seen: Observation) -> Pose:
+        here = seen.hands[SIDE]
+        return Pose(here.position + in_body(seen, (-distance, 0.0, 0.0)), here.quaternion)
+
+    goal = back(operator.seen)
+    yield from operator.reach(SIDE, lambda _: goal, tolerance=0.05, corrections=1)
     return True

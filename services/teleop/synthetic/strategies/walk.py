@@ -2,55 +2,56 @@
 
 import math
 
-from services.teleop.synthetic.person import Act, Person
-from services.teleop.synthetic.sight import Sight, hand_pose
-from services.teleop.synthetic.walking import Place, Tolerance, walk_to
+from common.robot.pose import Pose2
+from services.teleop.synthetic.observation import Observation, hand_pose
+from services.teleop.synthetic.operator_model import Act, OperatorModel
+from services.teleop.synthetic.walking import Tolerance, walk_to
 
 
-def _goal(sight: Sight, ahead: float = 0.0, aside: float = 0.0) -> Place:
-    mark = sight.thing("goal")
+def _goal(seen: Observation, ahead: float = 0.0, aside: float = 0.0) -> Pose2:
+    mark = seen.pose_of("goal")
     x, y, _ = mark.position.tolist()
-    return Place(x + ahead, y + aside, mark.yaw)
+    return Pose2(x + ahead, y + aside, mark.yaw)
 
 
-def walk_to_door(person: Person) -> Act:
-    """To the door, facing it; much nearer, a hand would touch the lever."""
-    ahead, aside = person.vary(0.02, 0.01), person.vary(0.0, 0.015)
-    _goal(person.sight)  # It knows where to before it moves at all.
-    yield from hands_in(person)
+def walk_to_door(operator: OperatorModel) -> Act:
+    """Walk to the door and face it; much nearer, a hand would touch the lever."""
+    ahead, aside = operator.vary(0.02, 0.01), operator.vary(0.0, 0.015)
+    _goal(operator.seen)  # fails at once if the scene shows no goal
+    yield from hands_in(operator)
     yield from _walk(
-        person, ahead, aside, Tolerance(0.07, math.radians(9.0)), by_rule=person.chance(0.5)
+        operator, ahead, aside, Tolerance(0.07, math.radians(9.0)), by_rule=operator.chance(0.5)
     )
     return True
 
 
-def hands_in(person: Person) -> Act:
-    """Both hands close to the body: walking up at an angle, one reached the lever."""
-    person.note = "hands in"
-    yield from person.react()
-    yield from person.engage("left", "right")
-    x, z = person.vary(0.25, 0.008), person.vary(-0.04, 0.01)
+def hands_in(operator: OperatorModel) -> Act:
+    """Draw both hands in, so that none touches the lever when the robot arrives at an angle."""
+    operator.note = "hands in"
+    yield from operator.react()
+    yield from operator.engage("left", "right")
+    x, z = operator.vary(0.25, 0.008), operator.vary(-0.04, 0.01)
     left, right = hand_pose(x, 0.2, z), hand_pose(x, -0.2, z)
-    yield from person.together(
-        person.reach("left", lambda _: left, tolerance=0.05, angle=0.4, corrections=0),
-        person.reach("right", lambda _: right, tolerance=0.05, angle=0.4, corrections=0),
+    yield from operator.together(
+        operator.reach("left", lambda _: left, tolerance=0.05, angle=0.4, corrections=0),
+        operator.reach("right", lambda _: right, tolerance=0.05, angle=0.4, corrections=0),
     )
     return True
 
 
-def walk_to_cart(person: Person) -> Act:
-    """To the place behind the push bar, square to it."""
-    yield from _walk(person, 0.0, 0.0, Tolerance(0.05, math.radians(9.1)), by_rule=False)
+def walk_to_cart(operator: OperatorModel) -> Act:
+    """Walk to the place behind the push bar, square to it."""
+    yield from _walk(operator, 0.0, 0.0, Tolerance(0.05, math.radians(9.1)), by_rule=False)
     return True
 
 
 def _walk(
-    person: Person, ahead: float, aside: float, tolerance: Tolerance, *, by_rule: bool
+    operator: OperatorModel, ahead: float, aside: float, tolerance: Tolerance, *, by_rule: bool
 ) -> Act:
-    person.note = "looking around"
-    person.gaze = 0.2
-    yield from person.react()
-    yield from person.engage("left", "right")
-    yield from walk_to(person, lambda sight: _goal(sight, ahead, aside), tolerance, by_rule=by_rule)
-    person.note = "done"
+    operator.note = "looking around"
+    operator.gaze = 0.2
+    yield from operator.react()
+    yield from operator.engage("left", "right")
+    yield from walk_to(operator, lambda seen: _goal(seen, ahead, aside), tolerance, by_rule=by_rule)
+    operator.note = "done"
     return True

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from common.episodes.episode_file import Episode, open_episode
-from common.robot.bodyposes import body_poses
 from common.robot.joints import NUM_JOINTS
+from common.robot.kinematics import end_effector_poses
 from common.schemas import PlantState, Setpoint
 from common.topics import PLANT_STATE, TELEOP_SETPOINT
 from common.wire.codec import decode
@@ -84,7 +84,7 @@ def test_frames_are_those_of_the_trial(tmp_path: Path) -> None:
         both = episode.array("observation/joint_sin_cos")
         np.testing.assert_array_equal(both[:, :NUM_JOINTS], np.sin(joints))
         np.testing.assert_array_equal(both[:, NUM_JOINTS:], np.cos(joints))
-        poses = [body_poses().of(q) for q in joints]
+        poses = [end_effector_poses(q) for q in joints]
         np.testing.assert_array_equal(episode.array("observation/poses"), poses)
         hands = episode.array("action/hands")
         left = np.array([point.left_hand_position_in_body for point in points])

@@ -12,7 +12,7 @@ from common.schemas import TaskVerdict
 from services.sim.model.world import build_model, find_addresses
 from services.sim.physics.stance import standing_qpos
 from services.sim.tasks import find_task
-from services.sim.tasks.base import Pose, Snapshot, Touch, flat_pose
+from services.sim.tasks.base import BodyState, Contact, Snapshot
 from services.sim.tasks.trial import Trial
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ class Workshop:
     """A scene's physics with an immovable robot that can still be touched."""
 
     def __init__(self, scene: str, task: str = "", seed: int = 0) -> None:
-        self.model = build_model(scene, looks=False)
+        self.model = build_model(scene, visuals=False)
         self.data = mujoco.MjData(self.model)
         self.addresses = find_addresses(self.model)
         self.data.qpos[:] = standing_qpos(self.model, self.addresses, 0.70, 0.28)
@@ -114,26 +114,26 @@ class Workshop:
     @property
     def undesired(self) -> list[str]:
         assert self.trial is not None
-        return [str(touch) for touch in self.trial.judge.undesired]
+        return [str(contact) for contact in self.trial.judge.undesired]
 
 
 def snapshot(
     time: float,
-    robot: Pose | None = None,
-    touches: Mapping[Touch, float] | None = None,
+    robot: BodyState | None = None,
+    contacts: Mapping[Contact, float] | None = None,
     *,
     loads: tuple[float, float] = (180.0, 180.0),
     fallen: bool = False,
     joints: Mapping[str, float] | None = None,
-    objects: Mapping[str, Pose] | None = None,
+    objects: Mapping[str, BodyState] | None = None,
 ) -> Snapshot:
     """A robot that stands at the origin, unless told otherwise."""
     return Snapshot(
         time=time,
-        robot=robot or flat_pose(0.0, 0.0, 0.82),
+        robot=robot or BodyState.upright(0.0, 0.0, 0.82),
         loads=loads,
         fallen=fallen,
         joints=joints or {},
         objects=objects or {},
-        touches=touches or {},
+        contacts=contacts or {},
     )

@@ -6,21 +6,21 @@ import pytest
 
 from common.schemas import TaskVerdict
 from services.sim.tasks.base import (
+    BodyState,
+    Contact,
     FailureCondition,
     Snapshot,
     Stage,
     Start,
     Task,
-    Touch,
-    flat_pose,
-    pairs,
+    contact_pairs,
 )
 from services.sim.tasks.judge import Judge
 
 from .support import snapshot
 
-ELBOW = Touch("left", "elbow", "jamb")
-HAND = Touch("left", "finger", "lever")
+ELBOW = Contact("left", "elbow", "jamb")
+HAND = Contact("left", "finger", "lever")
 
 
 def value(name: str) -> Any:
@@ -36,12 +36,12 @@ TASK = Task(
     start=lambda _rng: Start(0.0, 0.0, 0.0),
     stages=(
         Stage("begun", value("begun")),
-        Stage("half", value("half"), counts=True),
+        Stage("half", value("half"), partial=True),
         Stage("done", value("done"), hold=0.5, after="half"),
     ),
-    wrongs=(FailureCondition("it broke", value("broken"), hold=0.1),),
-    desired=pairs(("finger",), "lever"),
-    marks={"goal": flat_pose(0.0, 0.0)},
+    failures=(FailureCondition("it broke", value("broken"), hold=0.1),),
+    desired=contact_pairs(("finger",), "lever"),
+    marks={"goal": BodyState.upright(0.0, 0.0)},
 )
 
 
@@ -79,8 +79,8 @@ def test_a_stage_waits_for_the_one_before_it() -> None:
 
 def test_the_goal_with_an_undesired_contact_is_a_partial_success_that_names_it() -> None:
     judge = Judge(TASK)
-    run(judge, 0.0, 0.1, joints=both(), touches={ELBOW: 3.0, HAND: 20.0})
-    run(judge, 0.11, 0.2, joints=both(), touches={ELBOW: 44.0})
+    run(judge, 0.0, 0.1, joints=both(), contacts={ELBOW: 3.0, HAND: 20.0})
+    run(judge, 0.11, 0.2, joints=both(), contacts={ELBOW: 44.0})
     assert run(judge, 0.21, 1.0, joints=both()) is TaskVerdict.PARTIAL
     assert judge.reason == "the goal was reached, but with left elbow on jamb"
     assert list(judge.undesired) == [ELBOW]
@@ -89,8 +89,8 @@ def test_the_goal_with_an_undesired_contact_is_a_partial_success_that_names_it()
 
 def test_a_brush_is_no_collision_and_things_may_touch_each_other() -> None:
     judge = Judge(TASK)
-    touches = {ELBOW: 0.9, Touch("", "hammer", "cart tray"): 50.0}
-    assert run(judge, 0.0, 1.0, joints=both(), touches=touches) is TaskVerdict.SUCCESS
+    contacts = {ELBOW: 0.9, Contact("", "hammer", "cart tray"): 50.0}
+    assert run(judge, 0.0, 1.0, joints=both(), contacts=contacts) is TaskVerdict.SUCCESS
 
 
 def test_time_out() -> None:
@@ -131,7 +131,7 @@ def test_a_verdict_is_final(then: dict[str, Any]) -> None:
 
 
 def test_a_snapshot_knows_who_touches_what() -> None:
-    now: Snapshot = snapshot(0.0, touches={HAND: 5.0, Touch("", "hammer", "table"): 1.0})
+    now: Snapshot = snapshot(0.0, contacts={HAND: 5.0, Contact("", "hammer", "table"): 1.0})
     assert now.touched("lever")
     assert now.touched("lever", "finger", side="left")
     assert not now.touched("lever", side="right")

@@ -4,7 +4,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -12,26 +11,26 @@ from common.schemas import TaskVerdict
 from services.sim.scenes.bench import PUSH_GOAL, PUSH_LANE
 from services.sim.scenes.cap import CAN_HEIGHT
 from services.sim.tasks import all_tasks, find_task
-from services.sim.tasks.base import Pose, Touch, flat_pose
+from services.sim.tasks.base import BodyState, Contact
 from services.sim.tasks.judge import Judge
 
 from .support import snapshot
 
 World = Mapping[str, Any]
 DOOR = {"door_hinge": 0.0, "door_lever": 0.0, "door_latch": 0.0}
-WRIST = Touch("left", "wrist", "jamb")
+WRIST = Contact("left", "wrist", "jamb")
 
 
 def at(x: float, y: float, yaw: float = 0.0, **more: Any) -> World:
-    return {"robot": flat_pose(x, y, 0.82, yaw), "joints": DOOR, **more}
+    return {"robot": BodyState.upright(x, y, 0.82, yaw), "joints": DOOR, **more}
 
 
 def cart(x: float, y: float = PUSH_LANE, yaw: float = 0.0, **more: Any) -> World:
-    objects = {"cart": flat_pose(x, y, 0.0, yaw)}
+    objects = {"cart": BodyState.upright(x, y, 0.0, yaw)}
     return {
         "joints": {"cart_x": x, "cart_y": y, "cart_yaw": yaw},
         "objects": objects,
-        "robot": flat_pose(-0.08, PUSH_LANE, 0.82),
+        "robot": BodyState.upright(-0.08, PUSH_LANE, 0.82),
         **more,
     }
 
@@ -40,37 +39,37 @@ def door(hinge: float, lever: float = 0.0) -> World:
     return {"joints": {"door_hinge": hinge, "door_lever": lever, "door_latch": 0.0}}
 
 
-LEFT_CAN, RIGHT_CAP = Touch("left", "finger", "can"), Touch("right", "palm", "cap")
+LEFT_CAN, RIGHT_CAP = Contact("left", "finger", "can"), Contact("right", "palm", "cap")
 
 
-def hammer(x: float, z: float, speed: float = 0.0, *touches: Touch) -> World:
+def hammer(x: float, z: float, speed: float = 0.0, *contacts: Contact) -> World:
     """A hammer ``x`` from the middle of a trolley that is turned round, ``z`` above the floor."""
-    place = flat_pose(0.7 - x, -0.7, z)
+    place = BodyState.upright(0.7 - x, -0.7, z)
     objects = {
         "hammer": type(place)(place.position, place.quaternion, speed),
-        "cart": flat_pose(0.7, -0.7, 0.0, math.pi),
+        "cart": BodyState.upright(0.7, -0.7, 0.0, math.pi),
     }
-    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+    return {"objects": objects, "contacts": dict.fromkeys(contacts, 5.0)}
 
 
-def tool(x: float, speed: float = 0.0, *touches: Touch) -> World:
-    place = flat_pose(0.4 + x, 0.0, 0.76)
+def tool(x: float, speed: float = 0.0, *contacts: Contact) -> World:
+    place = BodyState.upright(0.4 + x, 0.0, 0.76)
     moving = type(place)(place.position, place.quaternion, speed)
-    objects = {"tool": moving, "box": flat_pose(0.4, 0.0, 0.74)}
-    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+    objects = {"tool": moving, "box": BodyState.upright(0.4, 0.0, 0.74)}
+    return {"objects": objects, "contacts": dict.fromkeys(contacts, 5.0)}
 
 
-def cap(lift: float, *touches: Touch) -> World:
+def cap(lift: float, *contacts: Contact) -> World:
     """A cap ``lift`` above its seat on a can that lies on its side."""
     quarter = math.sqrt(0.5)
-    can = Pose(np.array([0.4, 0.0, 0.9]), np.array([quarter, 0.0, quarter, 0.0]))
-    objects = {"can": can, "cap": flat_pose(0.4 + CAN_HEIGHT + lift, 0.0, 0.9)}
-    return {"objects": objects, "touches": dict.fromkeys(touches, 5.0)}
+    can = BodyState(np.array([0.4, 0.0, 0.9]), np.array([quarter, 0.0, quarter, 0.0]))
+    objects = {"can": can, "cap": BodyState.upright(0.4 + CAN_HEIGHT + lift, 0.0, 0.9)}
+    return {"objects": objects, "contacts": dict.fromkeys(contacts, 5.0)}
 
 
-ON_TRAY = Touch("", "cart tray", "hammer")
-IN_BOX, ON_TABLE = Touch("", "box", "tool"), Touch("", "table", "tool")
-HELD_HAMMER, HELD_TOOL = Touch("right", "finger", "hammer"), Touch("right", "finger", "tool")
+ON_TRAY = Contact("", "cart tray", "hammer")
+IN_BOX, ON_TABLE = Contact("", "box", "tool"), Contact("", "table", "tool")
+HELD_HAMMER, HELD_TOOL = Contact("right", "finger", "hammer"), Contact("right", "finger", "tool")
 LIFT_HAMMER = (0.5, hammer(0.0, 1.0, 0.0, HELD_HAMMER))
 LIFT_TOOL = (0.5, tool(0.0, 0.0, HELD_TOOL))
 BOTH = (LEFT_CAN, RIGHT_CAP)
@@ -110,7 +109,7 @@ def test_goal_reached(task: str) -> None:
 @pytest.mark.parametrize("task", REACHED)
 def test_goal_reached_with_a_collision(task: str) -> None:
     hit = [
-        (d, {**world, "touches": {**world.get("touches", {}), WRIST: 20.0}})
+        (d, {**world, "contacts": {**world.get("contacts", {}), WRIST: 20.0}})
         for d, world in REACHED[task]
     ]
     judge = play(task, *hit)
@@ -118,12 +117,12 @@ def test_goal_reached_with_a_collision(task: str) -> None:
     assert "left wrist on jamb" in judge.reason
 
 
-FAR_AWAY = flat_pose(-3.0, 0.0, 0.82)
+FAR_AWAY = BodyState.upright(-3.0, 0.0, 0.82)
 FAR: dict[str, World] = {
     "door": {"robot": FAR_AWAY, "joints": DOOR},
     "bench": {
         **cart(0.5, robot=FAR_AWAY),
-        "objects": {**cart(0.5)["objects"], "hammer": flat_pose(0.4, -0.2, 0.96)},
+        "objects": {**cart(0.5)["objects"], "hammer": BodyState.upright(0.4, -0.2, 0.96)},
     },
     "hardware": {},
 }
@@ -149,8 +148,8 @@ MISSED: list[tuple[str, World]] = [
     ("door/unlock", door(0.043, 0.6)),
     ("door/push", at(1.19, 0.0)),
     ("door/push", at(1.3, 0.36)),
-    ("bench/walk", cart(0.82, robot=flat_pose(0.03, PUSH_LANE, 0.82))),
-    ("bench/walk", cart(0.82, robot=flat_pose(-0.08, PUSH_LANE, 0.82, math.radians(10.5)))),
+    ("bench/walk", cart(0.82, robot=BodyState.upright(0.03, PUSH_LANE, 0.82))),
+    ("bench/walk", cart(0.82, robot=BodyState.upright(-0.08, PUSH_LANE, 0.82, math.radians(10.5)))),
     ("bench/push", cart(PUSH_GOAL[0] - 0.11)),
     ("bench/push", cart(PUSH_GOAL[0], PUSH_LANE + 0.16)),
     ("bench/push", cart(PUSH_GOAL[0], PUSH_LANE, math.radians(15.5))),
@@ -176,7 +175,7 @@ MISSED_THINGS: list[tuple[str, list[tuple[float, World]]]] = [
     ("hardware/cap", [(3.0, cap(0.0, *BOTH))]),
     ("hardware/cap", [(3.0, cap(0.03, *BOTH))]),
     ("hardware/cap", [(0.3, cap(0.0, *BOTH)), (3.0, cap(0.04, RIGHT_CAP))]),
-    ("hardware/cap", [(3.0, cap(0.04, Touch("right", "finger", "can"), RIGHT_CAP))]),
+    ("hardware/cap", [(3.0, cap(0.04, Contact("right", "finger", "can"), RIGHT_CAP))]),
 ]
 
 
@@ -186,7 +185,7 @@ def test_things_not_where_they_should_be(task: str, acts: list[tuple[float, Worl
 
 
 def test_a_moving_robot_has_not_arrived() -> None:
-    walking = flat_pose(0.1, 0.0, 0.82)
+    walking = BodyState.upright(0.1, 0.0, 0.82)
     walking = type(walking)(walking.position, walking.quaternion, speed=0.2)
     assert play("door/walk", (3.0, {**at(0.1, 0.0), "robot": walking})).verdict is (
         TaskVerdict.RUNNING
@@ -216,17 +215,6 @@ def test_tasks_are_complete(task: str) -> None:
     assert len({stage.name for stage in found.stages}) == len(found.stages)
     assert {s.after for s in found.stages} <= {"", *(s.name for s in found.stages)}
     assert bool(found.link) == (found.noise.position > 0.0) == task.startswith("hardware/")
-
-
-def test_a_pose_sees_points_in_its_own_frame() -> None:
-    quaternion = np.array([0.4, -0.2, 0.8, 0.4])
-    pose = Pose(np.array([1.0, 2.0, 3.0]), quaternion / np.linalg.norm(quaternion))
-    matrix, inside = np.zeros(9), np.array([0.3, -0.5, 0.7])
-    mujoco.mju_quat2Mat(matrix, pose.quaternion)
-    world = pose.position + matrix.reshape(3, 3) @ inside
-    np.testing.assert_allclose(pose.local(world), inside, atol=1e-12)
-    assert pose.up == pytest.approx(matrix[8])
-    assert pose.yaw == pytest.approx(math.atan2(matrix[3], matrix[0]))
 
 
 def test_an_unknown_task_is_refused_with_the_known_ones() -> None:

@@ -8,7 +8,7 @@ import pytest
 from services.sim.model.world import build_model
 from services.sim.scenes import SCENES
 from services.sim.scenes.cap import CAN_HEIGHT
-from services.sim.tasks.touch import robot_part
+from services.sim.tasks.contacts import robot_part
 
 from .support import Workshop
 
@@ -178,7 +178,7 @@ def test_a_can_that_nobody_holds_comes_along_with_the_cap() -> None:
 
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_looks_cost_no_physics(name: str) -> None:
-    full, lean = build_model(name), build_model(name, looks=False)
+    full, lean = build_model(name), build_model(name, visuals=False)
     assert (full.nq, full.nv, full.nu) == (lean.nq, lean.nv, lean.nu)
     np.testing.assert_array_equal(full.body_mass, lean.body_mass)
     np.testing.assert_array_equal(full.body_inertia, lean.body_inertia)
@@ -190,7 +190,7 @@ def test_looks_cost_no_physics(name: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(SCENES))
 def test_every_mass_in_the_table_is_that_of_the_model(name: str) -> None:
-    model, table = build_model(name, looks=False), SCENES[name].physics
-    flat = build_model("flat", looks=False)
+    model, table = build_model(name, visuals=False), SCENES[name].physics
+    flat = build_model("flat", visuals=False)
     written = sum(row.value for row in table if row.unit == "kg")
     assert model.body_mass.sum() - flat.body_mass.sum() == pytest.approx(written)

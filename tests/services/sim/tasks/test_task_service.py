@@ -18,7 +18,7 @@ from common.topics import (
 )
 from services.sim.config import TYPICAL_NOISE, NoiseConfig, SimConfig
 from services.sim.errors import RenderingUnavailableError, SceneError, TaskError
-from services.sim.model.pose import show_state
+from services.sim.model.robot_state import show_state
 from services.sim.physics.plant import Plant
 from services.sim.rendering.cameras import CameraConfig, CameraService
 from services.sim.service import PlantService
@@ -164,7 +164,7 @@ def test_hardware_tasks_have_noise_unless_given() -> None:
 
 def test_a_task_brings_its_scene_and_bears_no_other() -> None:
     assert Plant(SimConfig(task="door/walk")).config.scene == "door"
-    with pytest.raises(TaskError, match="takes place in the scene 'door', but 'bench'"):
+    with pytest.raises(TaskError, match="scene 'door', got 'bench'"):
         Plant(SimConfig(task="door/walk", scene="bench"))
     with pytest.raises(TaskError, match="unknown task"):
         Plant(SimConfig(task="door/fly"))
@@ -197,7 +197,7 @@ def test_a_new_module_brings_new_tasks(tmp_path: Path, monkeypatch: pytest.Monke
 
 
 @pytest.fixture(scope="module")
-def eyes() -> Any:
+def cameras() -> Any:
     try:
         service = CameraService(CameraConfig(encoding="rgb8", width=200, height=150))
     except RenderingUnavailableError as error:
@@ -219,16 +219,16 @@ def blue(image: Any) -> float:
     return float(((image[..., 2] > image[..., 0] + 25) & (image[..., 2] > 60)).mean())
 
 
-def test_the_eyes_follow_the_plants_scene_and_see_its_objects(eyes: Any) -> None:
+def test_the_cameras_follow_the_plants_scene_and_see_its_objects(cameras: Any) -> None:
     plant = Plant(SimConfig(task="door/walk"))
     plant.data.joint("neck_pitch").qpos[:] = 0.2
-    closed = picture(eyes, plant)
+    closed = picture(cameras, plant)
     plant.data.joint("door_hinge").qpos[:] = 1.5
-    opened = picture(eyes, plant)
+    opened = picture(cameras, plant)
     assert blue(closed) > 0.15
     assert np.abs(opened - closed).mean() > 4.0
     plant.data.joint("door_hinge").qpos[:] = 0.0
-    np.testing.assert_array_equal(picture(eyes, plant), closed)
+    np.testing.assert_array_equal(picture(cameras, plant), closed)
 
 
 def test_objects_of_another_scene_are_refused() -> None:

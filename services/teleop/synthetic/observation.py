@@ -1,65 +1,46 @@
-"""What the operator sees: torso, hands and objects, as late as its link makes them."""
+"""What the synthetic operator observes: torso, hands and objects, delayed by its feedback link."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from common.robot.rotations import Array, multiply, normalised, to_rpy
+from common.robot.kinematics import hand_in_body
+from common.robot.pose import Pose
+from common.robot.rotations import normalised
 from common.schemas import ControllerState, ControlState, PlantState, SceneState
+from common.schemas.arrays import Float64Array as Array
 from services.teleop.errors import TeleopError
-from services.teleop.synthetic.arms import hand_in_body, rotate_vector
 from services.teleop.targets.hand import SIDES, hand_quaternion
 
 SMOOTHING = 0.5
-"""Share of a new picture in what the operator takes for the torso's place."""
-
-
-@dataclass(frozen=True)
-class Pose:
-    """Position (3,) [m] and quaternion (4,) (w, x, y, z)."""
-
-    position: Array
-    quaternion: Array
-
-    def place(self, point: Array) -> Array:
-        """A point (3,) of this frame in the frame the pose is given in."""
-        return self.position + rotate_vector(self.quaternion, point)
-
-    def local(self, point: Array) -> Array:
-        """A point (3,) of the outer frame in this one."""
-        inside: Array = rotate_vector(_inverse(self.quaternion), point - self.position)
-        return inside
-
-    def local_pose(self, pose: "Pose") -> "Pose":
-        """A pose of the outer frame in this one."""
-        turned = multiply(_inverse(self.quaternion), pose.quaternion)
-        return Pose(self.local(pose.position), turned)
-
-    @property
-    def yaw(self) -> float:
-        """Heading [rad]."""
-        return to_rpy(self.quaternion)[2]
-
-
-def _inverse(quaternion: Array) -> Array:
-    inverse: Array = quaternion * np.array([1.0, -1.0, -1.0, -1.0])
-    return inverse
+"""Weight of a new state in the estimate of the torso's pose."""
+JUMP = 0.2
+"""Change of the torso's position above which the estimate starts anew [m]."""
 
 
 def hand_pose(
     x: float, y: float, z: float, roll: float = 0.0, pitch: float = 0.0, yaw: float = 0.0
 ) -> Pose:
-    """A hand that points ahead, turned: positive pitch points it down, positive yaw left."""
+    """Return a pose of a hand, rotated from pointing ahead: positive pitch down, positive yaw left.
+
+    Args:
+        x: position [m].
+        y: position [m].
+        z: position [m].
+        roll: about body x [rad].
+        pitch: about body y [rad].
+        yaw: about body z [rad].
+    """
     return Pose(np.array([x, y, z]), hand_quaternion(roll, pitch, yaw))
 
 
 def easy_yaw(side: str, y: float) -> float:
-    """Yaw [rad] at which a level hand reaches ``y`` [m] of the body frame with ease.
+    """Return the yaw at which a level hand reaches ``y`` [m] of the body frame well [rad].
 
-    By inverse kinematics within the arm's limits, x 0.28 to 0.44 m, z -0.1 to 0.18 m: straight
-    ahead at 0.2 m, turned inward by 15 degrees at 0.1 m and by 30 at the middle, outward by 7
-    degrees at 0.3 m.
+    By inverse kinematics within the arm's limits, for x of 0.28 to 0.44 m and z of -0.1 to 0.18 m:
+    straight ahead at 0.2 m, turned inward by 15 degrees at 0.1 m and by 30 in the middle, outward
+    by 7 degrees at 0.3 m.
     """
     sign = 1.0 if side == "left" else -1.0
     inward, outward = 2.9 * (sign * y - 0.19), 1.5 * (sign * y - 0.22)
@@ -67,16 +48,16 @@ def easy_yaw(side: str, y: float) -> float:
 
 
 @dataclass(frozen=True)
-class Sight:
-    """One picture.
+class Observation:
+    """One observation of robot and scene.
 
     Attributes:
-        stamp: robot time of the picture [ns].
+        stamp: robot time of the state [ns].
         torso: body frame in world.
-        hands: by side, in the body frame.
-        objects: what the scene shows and marks, in world.
-        joints: hinges and slides of the scene [rad, m].
-        balancing: the controller stands on both feet, no gait in progress.
+        hands: robot's hands in the body frame, by side.
+        objects: objects and marks of the scene in world, by name.
+        joints: hinges and slides of the scene by name [rad, m].
+        balancing: whether the controller balances without a gait in progress.
         completed: gaits completed.
         resets: of the plant.
     """
@@ -90,11 +71,11 @@ class Sight:
     completed: int = 0
     resets: int = 0
 
-    def thing(self, name: str) -> Pose:
-        """Where an object or mark is, in world.
+    def pose_of(self, name: str) -> Pose:
+        """Return the pose of an object or mark in world.
 
         Raises:
-            TeleopError: it is not in the picture.
+            TeleopError: the scene does not show it.
         """
         if name not in self.objects:
             shown = ", ".join(self.objects) or "nothing"
@@ -102,32 +83,32 @@ class Sight:
         return self.objects[name]
 
     def in_body(self, pose: Pose) -> Pose:
-        """A pose of the world in the body frame."""
+        """Return a pose of the world in the body frame."""
         return self.torso.local_pose(pose)
 
     def hand_in_world(self, side: str) -> Array:
-        """Where a hand is (3,) [m]."""
-        return self.torso.place(self.hands[side].position)
+        """Return the position (3,) of a hand in world [m]."""
+        return self.torso.apply(self.hands[side].position)
 
 
-class Eyes:
-    """Makes pictures of the messages that have arrived; noise is smoothed as eyes do it."""
+class Observer:
+    """Makes observations from messages and smooths noise in the torso's pose."""
 
     def __init__(self) -> None:
         self._torso: Pose | None = None
         self._stamp = -1
 
-    def see(
+    def observe(
         self, state: PlantState | None, scene: SceneState | None, control: ControllerState | None
-    ) -> Sight | None:
-        """The picture as it is now; None while there is none yet."""
+    ) -> Observation | None:
+        """Return the present observation; None without a state."""
         if state is None:
             return None
         objects = {} if scene is None else {p.name: p for p in (*scene.objects, *scene.marks)}
-        return Sight(
+        return Observation(
             stamp=state.header.stamp,
-            torso=self._place(state),
-            hands={side: Pose(*hand_in_body(side, state.joint_position)) for side in SIDES},
+            torso=self._smoothed_torso(state),
+            hands={side: hand_in_body(side, state.joint_position) for side in SIDES},
             objects={n: Pose(p.position, p.quaternion) for n, p in objects.items()},
             joints={} if scene is None else {j.name: j.position for j in scene.joints},
             balancing=control is not None and control.state is ControlState.BALANCE,
@@ -135,10 +116,10 @@ class Eyes:
             resets=state.reset_count,
         )
 
-    def _place(self, state: PlantState) -> Pose:
+    def _smoothed_torso(self, state: PlantState) -> Pose:
         new = Pose(state.base_position, state.base_quaternion)
         old = self._torso
-        if old is None or float(np.linalg.norm(new.position - old.position)) > 0.2:
+        if old is None or float(np.linalg.norm(new.position - old.position)) > JUMP:
             self._torso = new
         elif state.header.stamp != self._stamp:
             sign = 1.0 if float(old.quaternion @ new.quaternion) >= 0.0 else -1.0

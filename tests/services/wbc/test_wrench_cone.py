@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from services.wbc.config import ContactConfig
-from services.wbc.contacts import CONE_ROWS, FZ, wrench_cone
+from services.wbc.qp import CONE_ROWS, FZ, wrench_cone
 
 from .support import Array
 

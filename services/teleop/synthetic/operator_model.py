@@ -1,4 +1,4 @@
-"""The synthetic operator as a whole: hands, and the buttons that make the robot walk."""
+"""Model of a person who operates the robot: manipulation, and buttons for gaits."""
 
 from collections.abc import Sequence
 
@@ -6,37 +6,39 @@ import numpy as np
 
 from common.schemas import Gait, GaitOutcome, GaitReply
 from services.teleop.headset.mapping import GAIT_BUTTONS
-from services.teleop.synthetic.body import Act, Sign, StrategyError
-from services.teleop.synthetic.hands import Goal, Hands
-from services.teleop.synthetic.sight import Sight
+from services.teleop.synthetic.body import Act, Condition, StrategyError
+from services.teleop.synthetic.manipulation import Goal, Manipulation
+from services.teleop.synthetic.observation import Observation
 from services.teleop.synthetic.traits import OperatorTraits
 
-__all__ = ["Act", "Goal", "Person", "Sign", "StrategyError"]
+__all__ = ["Act", "Condition", "Goal", "OperatorModel", "StrategyError"]
 
 _BUTTON_OF = {gait: button for button, gait in GAIT_BUTTONS.items()}
 
 
-class Person(Hands):
-    """One operator, who hears the controller's replies besides."""
+class OperatorModel(Manipulation):
+    """An operator that also requests gaits and receives the controller's replies."""
 
-    def __init__(self, traits: OperatorTraits, rng: np.random.Generator, sight: Sight) -> None:
-        super().__init__(traits, rng, sight)
+    def __init__(self, traits: OperatorTraits, rng: np.random.Generator, seen: Observation) -> None:
+        super().__init__(traits, rng, seen)
         self._replies: list[GaitReply] = []
 
-    def perceive(self, sight: Sight, replies: Sequence[GaitReply], time: float, dt: float) -> None:
-        """Take in one picture and the replies that came with it."""
-        self.look(sight, time, dt)
+    def perceive(
+        self, seen: Observation, replies: Sequence[GaitReply], time: float, dt: float
+    ) -> None:
+        """Take in an observation and the replies that came with it."""
+        self.observe(seen, time, dt)
         self._replies += replies
 
     def gait(self, gait: Gait, tries: int = 6) -> Act:
-        """Press the button of a gait and wait until the robot is seen to have done it.
+        """Press the button of a gait and wait until the gait is seen to be completed.
 
         Raises:
-            StrategyError: it was refused or unanswered too often, or aborted.
+            StrategyError: the gait was refused or not answered too often, or aborted.
         """
         for _ in range(tries):
             self._replies.clear()
-            before = self.sight.completed
+            before = self.seen.completed
             self.button = _BUTTON_OF[gait]
             yield from self.pause(self.traits.press_time)
             self.button = None
@@ -45,7 +47,7 @@ class Person(Hands):
             if outcome:
                 return True
             yield from self.pause(self.vary(0.4, 0.1))
-        raise StrategyError(f"{gait.name.lower()} was not done after {tries} presses")
+        raise StrategyError(f"{gait.name.lower()} was not completed after {tries} presses")
 
     def _await_gait(self, gait: Gait, before: int) -> Act:
         began, walking = self.time, False
@@ -60,8 +62,8 @@ class Person(Hands):
                     raise StrategyError(f"{gait.name.lower()} was aborted: {reply.reason}")
                 walking = True
             self._replies.clear()
-            walking = walking or not self.sight.balancing
-            if self.sight.completed > before and self.sight.balancing:
+            walking = walking or not self.seen.balancing
+            if self.seen.completed > before and self.seen.balancing:
                 return True
             waited = self.time - began
             if not walking and waited > 2.0 * self.lag + self.traits.answer_patience:

@@ -1,0 +1,136 @@
+"""Forward kinematics of feet and hands in the body frame, from the MJCF alone.
+
+It needs numpy and the standard library only, so that whoever records demonstrations, shows a
+picture or runs a policy computes these poses alike, without a dynamics library.
+"""
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from functools import cache
+from math import cos, sin
+
+import numpy as np
+
+from common.errors import TrillError
+from common.robot.frames import BODY_FRAME, FOOT_FRAMES, FORWARD_HAND_IN_BODY, HAND_FRAMES
+from common.robot.joints import JOINT_INDEX, MJCF_PATH
+from common.robot.pose import Pose
+from common.robot.rotations import multiply, nearer_sign, normalised, rotate_vector
+from common.schemas.arrays import Float64Array as Array
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0)
+FLAT_FOOT = np.array(_IDENTITY)
+FORWARD_HAND = np.array(FORWARD_HAND_IN_BODY)
+"""Of the two quaternions of an orientation, recorded vectors hold the one nearer to these."""
+
+
+class KinematicsError(TrillError):
+    """The robot's description is not one that this module can read."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    """A body on the way to an end effector, or the end effector's site itself.
+
+    Attributes:
+        position: (3,) in the parent [m].
+        quaternion: (4,) to the parent; None: not rotated.
+        joint: index among the 27 joints; -1: fixed to its parent.
+        axis: (3,) of the joint in the link; unused if fixed.
+    """
+
+    position: Array
+    quaternion: Array | None
+    joint: int
+    axis: Array
+
+
+def foot_in_body(side: str, joint_position: Array) -> Pose:
+    """Return the pose of a sole in the body frame.
+
+    Args:
+        side: ``left`` or ``right``.
+        joint_position: (27,) [rad].
+    """
+    return _site_in_body(FOOT_FRAMES[side], joint_position)
+
+
+def hand_in_body(side: str, joint_position: Array) -> Pose:
+    """Return the pose of a hand in the body frame.
+
+    Args:
+        side: ``left`` or ``right``.
+        joint_position: (27,) [rad].
+    """
+    return _site_in_body(HAND_FRAMES[side], joint_position)
+
+
+def end_effector_poses(joint_position: Array) -> Array:
+    """Return the poses of left foot, right foot, left hand and right hand in the body frame.
+
+    Args:
+        joint_position: (27,) [rad].
+
+    Returns:
+        (28,): for each the position [m], then the quaternion (w, x, y, z) with the sign that is
+        nearer to a flat foot's or to a hand's that points ahead.
+    """
+    parts: list[Array] = []
+    for frames, usual in ((FOOT_FRAMES, FLAT_FOOT), (HAND_FRAMES, FORWARD_HAND)):
+        for side in ("left", "right"):
+            pose = _site_in_body(frames[side], joint_position)
+            parts += [pose.position, nearer_sign(pose.quaternion, usual)]
+    return np.concatenate(parts)
+
+
+def _site_in_body(site: str, joint_position: Array) -> Pose:
+    position, quaternion = np.zeros(3), np.array(_IDENTITY)
+    for link in _chain(site):
+        position = position + rotate_vector(quaternion, link.position)
+        if link.quaternion is not None:
+            quaternion = multiply(quaternion, link.quaternion)
+        if link.joint >= 0:
+            half = 0.5 * float(joint_position[link.joint])
+            turn = np.array([cos(half), *(sin(half) * link.axis).tolist()])
+            quaternion = multiply(quaternion, turn)
+    return Pose(position, quaternion)
+
+
+@cache
+def _chain(site: str) -> tuple[_Link, ...]:
+    torso = ET.parse(MJCF_PATH).getroot().find(f".//body[@name='{BODY_FRAME}']")
+    path = [] if torso is None else _path_to(torso, site)
+    if not path:
+        raise KinematicsError(f"expected a site {site!r} below {BODY_FRAME!r} in {MJCF_PATH.name}")
+    return tuple(_link(element) for element in path)
+
+
+def _path_to(element: ET.Element, site: str) -> list[ET.Element]:
+    """Return the elements from below ``element`` down to the site; empty if it is not there."""
+    for child in element:
+        if child.tag == "site" and child.get("name") == site:
+            return [child]
+        if child.tag == "body" and (rest := _path_to(child, site)):
+            return [child, *rest]
+    return []
+
+
+def _link(element: ET.Element) -> _Link:
+    joints = element.findall("joint")
+    names = [joint.get("name", "") for joint in joints]
+    if len(names) > 1 or not set(names) <= set(JOINT_INDEX) or any(j.get("pos") for j in joints):
+        raise KinematicsError(
+            f"expected at most one of the robot's joints, at the origin of {element.get('name')!r} "
+            f"in {MJCF_PATH.name}, got {names}"
+        )
+    quaternion = _numbers(element, "quat", "1 0 0 0")
+    return _Link(
+        _numbers(element, "pos", "0 0 0"),
+        None if quaternion.tolist() == list(_IDENTITY) else normalised(quaternion),
+        JOINT_INDEX[names[0]] if names else -1,
+        _numbers(joints[0], "axis", "0 0 1") if joints else np.zeros(3),
+    )
+
+
+def _numbers(element: ET.Element, name: str, default: str) -> Array:
+    return np.array([float(text) for text in element.get(name, default).split()])
