@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deploy.extras import require
-from deploy.system import LOG_FILE
+from deploy.system import LOG_FILE, log_path
 from lab.cli.commands import Action
-from lab.logs.paths import log_path
 
 if TYPE_CHECKING:
     from services.logger.export.convert import Summary

@@ -7,10 +7,9 @@ import sys
 from pathlib import Path
 
 from common.errors import TrillError
-from deploy.system import RUNS, new_run_dir
+from deploy.system import RUNS, log_path, new_run_dir
 from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action
-from lab.logs.paths import log_path
 
 RECORD = """Record every message on the bus of a running system until Ctrl-C. Beside the robot no
 option is needed. From another machine --connect is enough: the recorder asks for the robot's name

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from common.errors import ConfigError, TrillError
 from common.transport.config import split_list
+from deploy.system import log_path
 from lab.cli.bus import add_config_option, add_connect_option, chosen_bus
 from lab.cli.commands import Action
-from lab.logs.paths import log_path
 
 TEXT = """Replay a log, in one of two ways.
 
