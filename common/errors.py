@@ -1,4 +1,4 @@
-"""Root of every exception this project raises, and validation errors in words."""
+"""Define the root of every exception of this project; put validation errors in words."""
 
 import sys
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ _LONGEST_VALUE = 60
 
 
 class TrillError(Exception):
-    """Root exception; messages say what happened, what was expected, what was got, how to mend."""
+    """Root exception; its message says what happened, what was expected and got, and the remedy."""
 
 
 class SchemaError(TrillError):
@@ -45,7 +45,7 @@ def _line(path: str, kind: str, message: str, value: object) -> str:
         return f"{path}: not given"
     if kind == "extra_forbidden":
         return f"{path}: no such key"
-    # Validators of ours say themselves what they got.
+    # Validators of this project name the value themselves.
     text = message.removeprefix("Value error, ")
     where = f"{path}: " if path else ""
     if text != message or isinstance(value, dict):

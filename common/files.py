@@ -1,15 +1,18 @@
-"""Files of long runs that survive a kill: written whole, line by line, by one process at a time."""
+"""Write files of long runs so that a kill damages nothing: whole, or line by line."""
 
 import fcntl
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from common.errors import TrillError
 
 PART = ".part"
 """Ending of a file that is being written."""
+_BLOCK = 4096
+"""Bytes read at once to find the last line."""
 
 
 @contextmanager
@@ -29,7 +32,7 @@ def whole_file(path: Path) -> Iterator[Path]:
         temporary.replace(path)
         _synchronise(path.parent)
     finally:
-        # A full disk should not stay full because of a file that is of no use.
+        # A useless remnant must not keep a full disk full.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
 
@@ -54,35 +57,46 @@ def _synchronise(path: Path) -> None:
 
 
 def append_line(path: Path, text: str) -> None:
-    """Append a line; on the disk when this returns. A torn last line is taken away before.
+    """Append a line, after removing a torn last one; it is on the disk when this returns.
 
-    Several processes may do so at once.
+    Several processes may append at once.
 
     Raises:
         OSError: it cannot be written.
     """
     with path.open("a+b") as file:
-        # Without it a line that another one is writing would be taken for torn.
+        # Without the lock, a line that another process is writing would be taken for torn.
         fcntl.flock(file, fcntl.LOCK_EX)
-        file.seek(0)
-        content = file.read()
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
+        whole = _end_of_last_line(file)
+        if whole < file.seek(0, os.SEEK_END):
             file.truncate(whole)
         file.write(text.encode() + b"\n")
         file.flush()
         os.fsync(file.fileno())
 
 
+def _end_of_last_line(file: BinaryIO) -> int:
+    """Return the offset after the last newline, reading backwards from the end."""
+    end = file.seek(0, os.SEEK_END)
+    while end > 0:
+        start = max(0, end - _BLOCK)
+        file.seek(start)
+        newline = file.read(end - start).rfind(b"\n")
+        if newline >= 0:
+            return start + newline + 1
+        end = start
+    return 0
+
+
 @contextmanager
-def alone(lock: Path, refused: type[TrillError]) -> Iterator[None]:
+def exclusive_lock(lock: Path, refused: type[TrillError]) -> Iterator[None]:
     """Be the only process that works in the directory of the file ``lock``.
 
     Raises:
-        OSError: the file cannot be opened, or the file system knows no locks.
-        TrillError: of the type ``refused``: another process is at it.
+        OSError: the file cannot be opened, or the file system does not support locks.
+        TrillError: of the type ``refused``: another process holds the lock.
     """
-    # The system lets go of the lock when the process ends, however it ends.
+    # The system releases the lock when the process ends, however it ends.
     with lock.open("w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -17,20 +17,27 @@ ROUTER_OFFSET = -1
 
 
 class Role(StrEnum):
-    """What a service is to the robot."""
+    """The part of a service or tool in the system."""
 
     PLANT = "plant"
     """Carries joint commands out and measures the state."""
     SENSOR = "sensor"
-    """Publishes what it sees of the robot's surroundings."""
+    """Publishes pictures of the robot's surroundings."""
     CONTROLLER = "controller"
     """Turns set-points into joint commands."""
     OPERATOR = "operator"
     """Gives set-points and gait requests; on the far side of the injected links."""
     OBSERVER = "observer"
-    """Listens only."""
+    """Reads every topic and publishes only its own health."""
     REPLAY = "replay"
-    """Publishes a recording under another robot's name."""
+    """Publishes every topic of a recording, under another robot's name."""
+    TOOL = "tool"
+    """A command that a person runs beside the services (`trill mark`, `trill latency`, `trill up`):
+    reads what an observer reads. Tools have no row in the table and listen on no port of it."""
+
+
+RUN_LIVE = (Role.PLANT, Role.SENSOR, Role.CONTROLLER, Role.OPERATOR)
+"""Roles of the services that a live runner paces; an observer runs its own loop."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +47,7 @@ class KnownService:
     Attributes:
         name: as in topic keys, options and tables of a configuration file.
         offset: of its port from the base port; never given to another service later.
-        role: what it is to the robot.
+        role: its part in the system.
     """
 
     name: str

@@ -1,14 +1,16 @@
-"""THE table of topics: everything on the bus is declared here and nowhere else.
+"""THE table of topics: every key that is published is declared here and nowhere else.
 
-Publishers, inboxes, health, the logger and the live table all derive from it. Adding a topic is
-one line here and one schema in :mod:`common.schemas`. Keys are ``<robot>/<topic name>``, for a
-topic with ``per_source`` ``<robot>/<topic name>/<source>``.
+Publishers, inboxes, health, the logger and the live table derive from it. Adding a topic is one
+row here and one schema in :mod:`common.schemas`. Keys are ``<robot>/<topic name>``, for a topic
+with ``per_source`` ``<robot>/<topic name>/<source>``. The keys that are asked for rather than
+published stand in :mod:`common.queries`. ``python -m common.topics`` prints both tables.
 """
 
 from dataclasses import dataclass
 from enum import Enum
 from typing import Generic, TypeVar
 
+from common.ports import RUN_LIVE, Role
 from common.schemas import (
     CameraFrame,
     ControllerState,
@@ -56,13 +58,25 @@ class Priority(Enum):
 class Topic(Generic[M_co]):
     """One row of the table.
 
-    ``rate`` is nominal [Hz], 0 for events. ``max_age`` [s] is when a reader calls the topic
-    stale; what is older than that when it arrives (deliberately injected delay not counted) is
-    not applied at all. It is infinite for what must never be discarded.
+    Attributes:
+        name: key without the robot and, for ``per_source``, without the source.
+        schema: type of its messages.
+        publishers: roles that publish it.
+        readers: roles that act on it, besides :data:`LISTENERS`, which read every topic.
+        rate: nominal [Hz]; 0 for events.
+        max_age: age above which a reader calls the topic stale [s]; a message older than that on
+            arrival (deliberately injected delay not counted) is not applied at all. Infinite for
+            messages that must never be discarded.
+        delivery: how it is read.
+        priority: its urgency on the wire.
+        per_source: every source publishes it under a key of its own.
+        doc: its content, for people.
     """
 
     name: str
     schema: type[M_co]
+    publishers: tuple[Role, ...]
+    readers: tuple[Role, ...]
     rate: float
     max_age: float = float("inf")
     delivery: Delivery = Delivery.LATEST
@@ -71,40 +85,101 @@ class Topic(Generic[M_co]):
     doc: str = ""
 
 
-_C, _I, _B = Priority.CONTROL, Priority.INTERACTIVE, Priority.BULK
-_EVENT = Delivery.EVENT
+LISTENERS = (Role.OBSERVER, Role.TOOL)
+"""Roles that read every topic: loggers and monitors."""
 
-PLANT_STATE = Topic("plant/state", PlantState, 200.0, 0.1, priority=_C, doc="measured state")
-PLANT_TRUTH = Topic("plant/truth", PlantState, 50.0, 0.2, doc="ground truth, for scoring only")
-PLANT_STATUS = Topic("plant/status", PlantStatus, 10.0, 0.5, doc="guard, pace, state age at torque")
-PLANT_REQUEST = Topic(
-    "plant/request", PlantRequest, 0.0, 1.0, _EVENT, doc="reset, pause, resume, push"
+_C, _B = Priority.CONTROL, Priority.BULK
+_EVENT = Delivery.EVENT
+_PLANT, _SENSOR, _TOOL = (Role.PLANT,), (Role.SENSOR,), (Role.TOOL,)
+_WBC, _OPERATOR = (Role.CONTROLLER,), (Role.OPERATOR,)
+
+# A row in two lines: what it is and who has it; how it travels.
+# fmt: off
+PLANT_STATE = Topic(
+    "plant/state", PlantState, _PLANT, _WBC + _OPERATOR,
+    200.0, 0.1, priority=_C, doc="measured state",
 )
-ESTOP = Topic("estop", Estop, 0.0, delivery=_EVENT, priority=_C, doc="emergency stop, latched")
-WBC_COMMAND = Topic("wbc/command", JointCommand, 100.0, 0.1, priority=_C, doc="joint command")
-WBC_STATE = Topic("wbc/state", ControllerState, 100.0, 0.2, doc="state machine, errors, solver")
-WBC_REPLY = Topic("wbc/reply", GaitReply, 0.0, delivery=_EVENT, doc="answers to gait requests")
-TELEOP_SETPOINT = Topic("teleop/setpoint", Setpoint, 20.0, 0.25, doc="hands, grippers, neck")
-TELEOP_GAIT = Topic("teleop/gait", GaitRequest, 0.0, 0.5, _EVENT, doc="gait requests")
-TELEOP_DEVICE = Topic("teleop/device", DeviceInput, 20.0, 0.25, doc="headset and controllers")
-TELEOP_STATUS = Topic("teleop/status", OperatorStatus, 5.0, 1.0, doc="progress of a script")
-CAMERA_LEFT = Topic("camera/left", CameraFrame, 20.0, 0.5, priority=_B, doc="left eye")
-CAMERA_RIGHT = Topic("camera/right", CameraFrame, 20.0, 0.5, priority=_B, doc="right eye")
+PLANT_TRUTH = Topic(
+    "plant/truth", PlantState, _PLANT, _SENSOR,
+    50.0, 0.2, doc="ground truth, for scoring only",
+)
+PLANT_STATUS = Topic(
+    "plant/status", PlantStatus, _PLANT, _OPERATOR,
+    10.0, 0.5, doc="guard, pace, state age at torque",
+)
+PLANT_REQUEST = Topic(
+    "plant/request", PlantRequest, _OPERATOR + _TOOL, _PLANT,
+    0.0, 1.0, _EVENT, doc="reset, pause, resume, push",
+)
+ESTOP = Topic(
+    "estop", Estop, _OPERATOR, _PLANT,
+    0.0, delivery=_EVENT, priority=_C, doc="emergency stop, latched",
+)
+WBC_COMMAND = Topic(
+    "wbc/command", JointCommand, _WBC, _PLANT,
+    100.0, 0.1, priority=_C, doc="joint command",
+)
+WBC_STATE = Topic(
+    "wbc/state", ControllerState, _WBC, _OPERATOR,
+    100.0, 0.2, doc="state machine, errors, solver",
+)
+WBC_REPLY = Topic(
+    "wbc/reply", GaitReply, _WBC, _OPERATOR,
+    0.0, delivery=_EVENT, doc="answers to gait requests",
+)
+TELEOP_SETPOINT = Topic(
+    "teleop/setpoint", Setpoint, _OPERATOR, _WBC + _OPERATOR,
+    20.0, 0.25, doc="hands, grippers, neck",
+)
+TELEOP_GAIT = Topic(
+    "teleop/gait", GaitRequest, _OPERATOR, _WBC,
+    0.0, 0.5, _EVENT, doc="gait requests",
+)
+TELEOP_DEVICE = Topic(
+    "teleop/device", DeviceInput, _OPERATOR, (),
+    20.0, 0.25, doc="headset and controllers",
+)
+TELEOP_STATUS = Topic(
+    "teleop/status", OperatorStatus, _OPERATOR, _OPERATOR,
+    5.0, 1.0, doc="progress of a script",
+)
+CAMERA_LEFT = Topic(
+    "camera/left", CameraFrame, _SENSOR, _OPERATOR,
+    20.0, 0.5, priority=_B, doc="left eye",
+)
+CAMERA_RIGHT = Topic(
+    "camera/right", CameraFrame, _SENSOR, _OPERATOR,
+    20.0, 0.5, priority=_B, doc="right eye",
+)
 HEALTH = Topic(
-    "health", ServiceHealth, 2.0, 2.0, per_source=True, doc="loop timing and input health"
+    "health", ServiceHealth, (*RUN_LIVE, Role.OBSERVER), (),
+    2.0, 2.0, per_source=True, doc="loop timing and input health",
 )
 HEARTBEAT = Topic(
-    "heartbeat", Heartbeat, 25.0, 0.1, priority=_C, per_source=True, doc="the loop is alive"
+    "heartbeat", Heartbeat, RUN_LIVE, RUN_LIVE,
+    25.0, 0.1, priority=_C, per_source=True, doc="the loop is alive",
 )
 JOURNAL = Topic(
-    "journal", StepJournal, 4.0, per_source=True, doc="what each step took in, for replay"
+    "journal", StepJournal, RUN_LIVE, (),
+    4.0, per_source=True, doc="what each step took in, for replay",
 )
 LINK_CHANGE = Topic(
-    "link", LinkChange, 0.0, delivery=_EVENT, per_source=True, doc="injected delay in force"
+    "link", LinkChange, RUN_LIVE, (),
+    0.0, delivery=_EVENT, per_source=True, doc="injected delay in force",
 )
-TASK_STATUS = Topic("task/status", TaskStatus, 10.0, 0.5, doc="verdict of the task, at changes too")
-TASK_SCENE = Topic("task/scene", SceneState, 50.0, 0.2, doc="where the task's objects are")
-EPISODE = Topic("episode", EpisodeMark, 0.0, delivery=_EVENT, doc="start and end of episodes")
+TASK_STATUS = Topic(
+    "task/status", TaskStatus, _PLANT, (),
+    10.0, 0.5, doc="verdict of the task, at changes too",
+)
+TASK_SCENE = Topic(
+    "task/scene", SceneState, _PLANT, _SENSOR + _OPERATOR,
+    50.0, 0.2, doc="where the task's objects are",
+)
+EPISODE = Topic(
+    "episode", EpisodeMark, _TOOL, (),
+    0.0, delivery=_EVENT, doc="start and end of episodes",
+)
+# fmt: on
 
 ALL_TOPICS: tuple[Topic[Message], ...] = (
     PLANT_STATE,
@@ -133,21 +208,23 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
 
 
 def topic_table() -> str:
-    """The table as Markdown, for people."""
+    """Format the table as Markdown."""
     rows = [
-        "| topic | message | rate [Hz] | stale after [s] | read as | |",
-        "|---|---|---|---|---|---|",
+        "| topic | message | rate [Hz] | stale after [s] | read as | publishers | readers | |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for topic in ALL_TOPICS:
         key = f"{topic.name}/<source>" if topic.per_source else topic.name
         rate = f"{topic.rate:g}" if topic.rate else "event"
         stale = "" if topic.max_age == float("inf") else f"{topic.max_age:g}"
         rows.append(
-            f"| `{key}` | {topic.schema.__name__} | {rate} | {stale} "
-            f"| {topic.delivery.value} | {topic.doc} |"
+            f"| `{key}` | {topic.schema.__name__} | {rate} | {stale} | {topic.delivery.value} "
+            f"| {', '.join(topic.publishers)} | {', '.join(topic.readers)} | {topic.doc} |"
         )
     return "\n".join(rows)
 
 
 if __name__ == "__main__":
-    print(topic_table())
+    from common.queries import query_table
+
+    print(topic_table(), query_table(), sep="\n\n")

@@ -89,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Route until SIGINT or SIGTERM; returns the exit code."""
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     arguments = parser().parse_args(argv)
-    stop = StopSignals().heed()
+    stop = StopSignals().install()
     try:
         route(router_config(bus_of(**vars(arguments))), stop)
     except TrillError as error:
@@ -103,11 +103,11 @@ def route(config: BusConfig, stop: StopSignals) -> None:
     Raises:
         BusError: an endpoint cannot be listened on.
     """
-    session: Any = open_session(config, NAME, lambda: stop.asked)
+    session: Any = open_session(config, NAME, lambda: stop.requested)
     try:
         _log.info("listening on %s", ", ".join(config.listen_endpoints(NAME)))
         shown = ""
-        while not stop.asked:
+        while not stop.requested:
             now = describe([str(transport.whatami) for transport in session.info.transports()])
             if now != shown:
                 _log.info("connected: %s", now)

@@ -1,4 +1,4 @@
-"""What a service sees of its inputs, fed from any thread and read once a step.
+"""Give a service its inputs: fed from any thread, read once a step.
 
 Where decoding happens. The transport's thread only appends payload and arrival time to a bounded
 queue (a slow callback would hold up every other topic of the session, and would take the
@@ -7,11 +7,11 @@ start of its step, and decodes *every* waiting message, not just the newest of a
 topic. That costs about ten microseconds for each message skipped over, and buys exactness:
 sequence gaps and refusals are counted message by message, and when the newest payload is garbage
 the value shown is the newest good one before it. Should a latest-value topic pile up more than
-:data:`LATEST_BACKLOG` payloads (a service that stood still), the oldest are let go undecoded;
-they are counted as ``skipped`` and not as gaps, since the link did deliver them.
+:data:`~common.inbox.arrivals.LATEST_BACKLOG` payloads (a service that stood still), the oldest are
+dropped undecoded; they are counted as ``skipped`` and not as gaps, since the link did deliver them.
 
 A link with a delay puts its :class:`~common.links.delay.DelayLine` between queue and decoding. It
-too lives in the service's thread: a message's arrival is then its due time exactly, whenever the
+too belongs to the service's thread: a message's arrival is then its due time exactly, whenever the
 step comes that finds it, and no thread of its own competes with the step.
 """
 
@@ -20,8 +20,9 @@ from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar, cast
 
 from common.errors import TrillError
-from common.inbox.buffer import NEVER, InboxContext, TopicBuffer
-from common.inbox.status import InputStatus, age_of, health_of, is_fresh, status_of
+from common.inbox.arrivals import NEVER
+from common.inbox.buffer import InboxContext, TopicBuffer
+from common.inbox.health import health_of
 from common.links.config import CAMERAS, Links, link_seed
 from common.links.delay import DelayLine, DelayStats
 from common.links.spec import LinkSpec
@@ -32,7 +33,7 @@ M = TypeVar("M", bound=Message)
 
 
 class Inbox:
-    """Implements :class:`common.runtime.service.Inputs` and feeds on raw payloads.
+    """Implements :class:`common.runtime.service.Inputs` from raw payloads.
 
     One thread may call :meth:`offer` per topic; everything else belongs to the service's thread.
     """
@@ -45,7 +46,7 @@ class Inbox:
         links: Links | None = None,
         seed: int = 0,
         trigger: Topic[Any] | None = None,
-        tools: InboxContext | None = None,
+        context: InboxContext | None = None,
         max_age: Mapping[str, float] | None = None,
     ) -> None:
         """Create an empty inbox.
@@ -56,121 +57,118 @@ class Inbox:
             links: delays to inject.
             seed: the run's seed for links without their own.
             trigger: topic whose arrivals wake :meth:`wait`.
-            tools: clock offsets and journal; None: one clock, no journal.
+            context: clock offsets and journal; None: one clock, no journal.
             max_age: by topic name, how old a message may be on arrival to be applied [s], where
                 it differs from the table's.
         """
         links = links or Links()
         self._service, self._seed = service, seed
-        self._journal = tools.journal if tools is not None else None
-        self._slots: dict[str, TopicBuffer] = {}
+        self._journal = context.journal if context is not None else None
+        self._buffers: dict[str, TopicBuffer] = {}
         for topic in topics:
             spec = links.of(service, topic.name)
             line = None if spec is None else self._line(topic, spec)
             age = (max_age or {}).get(topic.name)
-            self._slots[topic.name] = TopicBuffer(topic, line, tools, age)
-        self._all = tuple(self._slots.values())
-        self._linked = tuple(slot for slot in self._all if slot.line is not None)
-        self._trigger = self._slots[trigger.name] if trigger is not None else None
+            self._buffers[topic.name] = TopicBuffer(topic, line, context, age)
+        self._all = tuple(self._buffers.values())
+        self._linked = self._with_line()
+        self._trigger = self._buffers[trigger.name] if trigger is not None else None
+        self._trigger_seen_ns = -1
         self._wake = threading.Event()
-        self._shown: list[TopicBuffer] = []
+        self._updated: list[TopicBuffer] = []
         self._arrived = False
         self._now = 0
 
     def offer(
         self, topic_name: str, payload: bytes, arrival_ns: int, tag: str | None = None
     ) -> None:
-        """Put in what arrived; nothing is decoded here.
+        """Put in a payload; nothing is decoded here.
 
         Args:
             topic_name: one of the topics the inbox was made for.
             payload: the bytes received.
             arrival_ns: when, on the clock of :meth:`begin_step`.
-            tag: the schema's name according to the sender; None if known to be right.
+            tag: schema tag given by the sender; None if it is known to be this version's.
         """
-        slot = self._slots[topic_name]
-        slot.put(payload, arrival_ns, tag)
+        buffer = self._buffers[topic_name]
+        buffer.queue.put(payload, arrival_ns, tag)
         self._arrived = True
-        if slot is self._trigger:
+        if buffer is self._trigger:
             self._wake.set()
 
     def begin_step(self, now_ns: int) -> None:
         """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
         self._now = now_ns
         if self._journal is not None:
-            self._journal.begin(now_ns)
-        if self._shown:
-            for slot in self._shown:
-                slot.end_step()
-            self._shown.clear()
+            self._journal.begin_step(now_ns)
+        if self._updated:
+            for buffer in self._updated:
+                buffer.end_step()
+            self._updated.clear()
         if self._linked:
             self._advance_links(now_ns)
         if self._arrived:
             # Cleared before looking: what arrives meanwhile sets it again for the next step.
             self._arrived = False
-            for slot in self._all:
-                if slot.ready and slot.take():
-                    self._shown.append(slot)
+            for buffer in self._all:
+                if buffer.queue and buffer.take_in():
+                    self._updated.append(buffer)
 
-    def begin_replayed_step(self, now_ns: int, taken: Iterable[tuple[str, Message, int]]) -> None:
-        """Like :meth:`begin_step` for a replay: show what the step took in when it was recorded.
+    def begin_replayed_step(self, now_ns: int, inputs: Iterable[tuple[str, Message, int]]) -> None:
+        """Like :meth:`begin_step`, but show what the step took in when it was recorded.
 
         Args:
             now_ns: the step's time.
-            taken: topic name, message and time of arrival of each, in the order of the record.
+            inputs: topic name, message and time of arrival of each, in the order of the record.
         """
         self.begin_step(now_ns)
-        for name, message, arrival_ns in taken:
-            slot = self._slots[name]
-            slot.show(message, arrival_ns)
-            self._shown.append(slot)
+        for name, message, arrival_ns in inputs:
+            buffer = self._buffers[name]
+            buffer.show(message, arrival_ns)
+            self._updated.append(buffer)
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Last good message of a latest-value topic; None before the first."""
-        return cast("M | None", self._slot(topic).value)
+        return cast("M | None", self._buffer(topic).value)
 
     def latest_by_source(self, topic: Topic[M]) -> dict[str, M]:
         """Last good message of a per-source topic from each source."""
-        return cast("dict[str, M]", dict(self._slot(topic).by_source))
+        return cast("dict[str, M]", dict(self._buffer(topic).by_source))
 
     def updated(self, topic: Topic[Any]) -> bool:
         """Whether a good message arrived since the previous step."""
-        return self._slot(topic).updated
+        return self._buffer(topic).updated
 
     def fresh(self, topic: Topic[Any]) -> bool:
         """Whether the last good message arrived within the topic's ``max_age``."""
-        return is_fresh(self._slot(topic), self._now)
+        return self._buffer(topic).is_fresh(self._now)
 
     def age(self, topic: Topic[Any]) -> float:
         """Seconds since the last good message arrived (infinity before the first)."""
-        return age_of(self._slot(topic), self._now)
+        return self._buffer(topic).age(self._now)
 
     def events(self, topic: Topic[M]) -> list[M]:
         """Messages of an event topic since the previous step, oldest first."""
-        return cast("list[M]", list(self._slot(topic).events))
+        return cast("list[M]", list(self._buffer(topic).events))
 
-    def status(self, topic: Topic[Any]) -> InputStatus:
-        """Everything known about one input as of the current step."""
-        return status_of(self._slot(topic), self._now)
+    def health_of(self, topic: Topic[Any]) -> LinkHealth:
+        """Health of one input as of the current step."""
+        return self._health_of(self._buffer(topic))
 
     def link_health(self) -> list[LinkHealth]:
         """Health of every input, as published in :class:`~common.schemas.ServiceHealth`."""
-        return [self._health_of(slot) for slot in self._all]
-
-    def _health_of(self, slot: TopicBuffer) -> LinkHealth:
-        link = self.link_of(slot.topic.name) if slot.line is not None else ""
-        return health_of(slot, self._now, self._journal, link)
+        return [self._health_of(buffer) for buffer in self._all]
 
     def set_link(self, topic_name: str, spec: LinkSpec) -> None:
         """Change the link in front of an input from now on.
 
-        What is under way arrives as it would have. Service's thread only.
+        Messages that are under way arrive as they would have. Service's thread only.
         """
-        slot = self._slots[topic_name]
+        buffer = self._buffers[topic_name]
         # What has arrived already belongs to the old link, though no step has looked at it yet.
-        slot.release(-1)
-        slot.set_line(self._line(slot.topic, spec))
-        self._linked = tuple(slot for slot in self._all if slot.line is not None)
+        buffer.release(-1)
+        buffer.queue.set_line(self._line(buffer.topic, spec))
+        self._linked = self._with_line()
 
     def link_of(self, topic_name: str) -> str:
         """What is injected in front of an input, in words; empty: nothing."""
@@ -179,22 +177,22 @@ class Inbox:
 
     def spec_of(self, topic_name: str) -> LinkSpec:
         """What is injected in front of an input; all zero: nothing."""
-        line = self._slots[topic_name].line
+        line = self._buffers[topic_name].queue.line
         return LinkSpec() if line is None else line.spec
 
     @property
     def stale(self) -> int:
         """Messages of all inputs that were too old when they arrived."""
-        return sum(slot.stale for slot in self._all)
+        return sum(buffer.stale for buffer in self._all)
 
     @property
     def topics(self) -> tuple[str, ...]:
         """Names of the inputs."""
-        return tuple(self._slots)
+        return tuple(self._buffers)
 
     def delay_stats(self) -> dict[str, DelayStats]:
         """Requested and achieved delay of every link that has one, by topic name."""
-        lines = ((slot.topic.name, slot.line) for slot in self._linked)
+        lines = ((buffer.topic.name, buffer.queue.line) for buffer in self._linked)
         return {name: line.stats() for name, line in lines if line is not None}
 
     def wait(self, timeout_s: float) -> bool:
@@ -208,38 +206,44 @@ class Inbox:
     def trigger_arrival(self, now_ns: int) -> int | None:
         """When the trigger topic last arrived or fell due, if since the last call; else None."""
         self._wake.clear()
-        slot = self._trigger
-        if slot is None:
+        buffer = self._trigger
+        if buffer is None:
             return None
-        if slot.line is not None:
+        if buffer.queue.line is not None:
             self._advance_links(now_ns)
-        arrival = slot.last_put_ns
-        if arrival == slot.seen_put_ns:
+        arrival = buffer.queue.last_put_ns
+        if arrival == self._trigger_seen_ns:
             return None
-        slot.seen_put_ns = arrival
+        self._trigger_seen_ns = arrival
         return arrival
 
     @property
     def next_trigger_due_ns(self) -> int:
         """When the next delayed message of the trigger topic falls due [ns]."""
-        slot = self._trigger
-        return slot.line.next_due_ns if slot is not None and slot.line is not None else NEVER
+        return NEVER if self._trigger is None else self._trigger.queue.next_due_ns
+
+    def _health_of(self, buffer: TopicBuffer) -> LinkHealth:
+        link = self.link_of(buffer.topic.name) if buffer.queue.line is not None else ""
+        return health_of(buffer, self._now, self._journal, link)
 
     def _line(self, topic: Topic[Any], spec: LinkSpec) -> DelayLine[Any]:
         seed = link_seed(self._seed, self._service, topic.name)
         return DelayLine(spec, seed, round(1e9 / topic.rate) if topic.name in CAMERAS else None)
 
+    def _with_line(self) -> tuple[TopicBuffer, ...]:
+        return tuple(buffer for buffer in self._all if buffer.queue.line is not None)
+
     def _advance_links(self, now_ns: int) -> None:
-        """Move what arrived into the delay lines and what fell due out of them."""
-        for slot in self._linked:
-            if slot.release(now_ns):
+        """Move payloads that arrived into the delay lines and those that fell due out of them."""
+        for buffer in self._linked:
+            if buffer.release(now_ns):
                 self._arrived = True
 
-    def _slot(self, topic: Topic[Any]) -> TopicBuffer:
-        slot = self._slots.get(topic.name)
-        if slot is None:
+    def _buffer(self, topic: Topic[Any]) -> TopicBuffer:
+        buffer = self._buffers.get(topic.name)
+        if buffer is None:
             raise TrillError(
                 f"topic {topic.name!r} is not among this service's inputs "
-                f"({', '.join(self._slots) or 'none'}); add it to the service's `reads`"
+                f"({', '.join(self._buffers) or 'none'}); add it to the service's `reads`"
             )
-        return slot
+        return buffer

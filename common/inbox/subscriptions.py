@@ -1,4 +1,4 @@
-"""Connecting an inbox to a Zenoh session."""
+"""Connect an inbox to a Zenoh session."""
 
 import time
 from collections.abc import Callable
@@ -19,7 +19,7 @@ def subscribe(
 ) -> list[Any]:
     """Subscribe to ``topics`` and feed the inbox; returns the subscribers to keep alive.
 
-    A service does not hear itself.
+    A service does not receive its own messages.
     """
     return [
         session.declare_subscriber(
@@ -32,7 +32,7 @@ def subscribe(
 
 
 def _receiver(inbox: Inbox, topic: Topic[Any]) -> Callable[[Any], None]:
-    """Return a callback that copies payload and arrival time, and does nothing else."""
+    """Return a callback that passes on payload and arrival time, and does nothing else."""
     schema: type[Message] = topic.schema
     expected = wire_encoding(schema_tag(schema))
     offer, name, clock = inbox.offer, topic.name, time.monotonic_ns

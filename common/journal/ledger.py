@@ -1,7 +1,7 @@
-"""The latency ledger: where the time of every message a service took in went, from journals. Pure.
+"""Break the latency of every message a service took in down by stage, from journals. Pure.
 
-The same stages as in :class:`~common.schemas.StageTime`, of every message of the log, by consumer
-and topic; and for each link that injects delay what was asked for, what was done and what was lost.
+The stages are those of :class:`~common.schemas.StageTime`, for every message of the log, by
+consumer and topic. For each link that injects delay: requested and achieved delay, and losses.
 """
 
 from collections import Counter
@@ -12,14 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from common.errors import TrillError
-from common.journal.journal import (
-    TAKE_COLUMNS,
-    Table,
-    Take,
-    read_tables,
-    stage_durations,
-    stage_times,
-)
+from common.journal.stages import stage_durations, stage_times
+from common.journal.tables import INPUT_COLUMNS, InputOutcome, Table, read_tables
 from common.links.spec import LinkSpec
 from common.links.summary import requested
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
@@ -28,10 +22,10 @@ STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "to
 
 Durations = npt.NDArray[np.float64]
 
-_KIND = TAKE_COLUMNS.index("kind")
-_TIMES = slice(TAKE_COLUMNS.index("captured"), TAKE_COLUMNS.index("decode") + 1)
+_STEP, _SOURCE, _OUTCOME = (INPUT_COLUMNS.index(name) for name in ("step", "source", "outcome"))
+_TIMES = slice(INPUT_COLUMNS.index("captured"), INPUT_COLUMNS.index("decode") + 1)
 _ARRIVAL, _INJECTED = 3, 4
-"""Columns of an input's rows."""
+"""Columns of :attr:`_Input.rows`."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +34,20 @@ class LedgerRow:
 
     consumer: str
     topic: str
-    counts: dict[Take, int]
+    counts: dict[InputOutcome, int]
     stages: tuple[StageTime, ...]
     samples: dict[str, Durations] = field(repr=False)
-    """Every message's time in each stage [s]; of those applied."""
+    """Time of each applied message in each stage [s]."""
 
     @property
     def applied(self) -> int:
         """Messages the service used."""
-        return self.counts.get(Take.APPLIED, 0)
+        return self.counts.get(InputOutcome.APPLIED, 0)
 
 
 @dataclass(frozen=True)
 class LinkRow:
-    """One link while one delay was set; durations in seconds, NaN where not known."""
+    """One link for as long as one delay was set; durations in seconds, NaN where not known."""
 
     consumer: str
     topic: str
@@ -68,15 +62,21 @@ class LinkRow:
 
 @dataclass
 class _Input:
-    """Rows of one input: a take's times, its step's start, results sent; and their kinds."""
+    """One input of one service.
+
+    Attributes:
+        rows: of input records: times, start of the step, results sent [ns].
+        outcomes: of the same records.
+        changes: time [ns] and link, of each change of the link.
+    """
 
     rows: list[Table] = field(default_factory=list)
-    kinds: list[Table] = field(default_factory=list)
+    outcomes: list[Table] = field(default_factory=list)
     changes: list[tuple[int, str]] = field(default_factory=list)
 
 
 class Ledger:
-    """Collects journals and what is known about links, in the order of a log."""
+    """Collects journals, link changes and health messages in the order of a log."""
 
     def __init__(self) -> None:
         """Start empty."""
@@ -86,31 +86,31 @@ class Ledger:
         """Journals whose tables contradict themselves."""
 
     def add(self, journal: StepJournal, begin_ns: int = 0, end_ns: int = 2**63 - 1) -> None:
-        """Take in a journal; only steps that began within a span of the consumer's clock."""
+        """Add the steps of a journal that began within a span of the consumer's clock."""
         try:
-            steps, takes = read_tables(journal)
+            steps, inputs = read_tables(journal)
         except TrillError:
             self.unreadable += 1
             return
-        if not len(takes):
+        if not len(inputs):
             return
-        used = steps[takes[:, 0]]
+        used = steps[inputs[:, _STEP]]
         inside = (used[:, 0] >= begin_ns) & (used[:, 0] < end_ns)
-        rows = np.column_stack([takes[:, _TIMES], used])
-        for number, stream in enumerate(journal.streams):
-            mine = inside & (takes[:, 1] == number)
-            if mine.any():
-                account = self._input(journal.service, stream.topic)
-                account.rows.append(rows[mine])
-                account.kinds.append(takes[mine, _KIND])
+        rows = np.column_stack([inputs[:, _TIMES], used])
+        for index, source in enumerate(journal.sources):
+            chosen = inside & (inputs[:, _SOURCE] == index)
+            if chosen.any():
+                account = self._input(journal.service, source.topic)
+                account.rows.append(rows[chosen])
+                account.outcomes.append(inputs[chosen, _OUTCOME])
 
     def note_change(self, change: LinkChange) -> None:
-        """A link was set at a time of the consumer's clock."""
+        """Note that a link was set, at a time of the consumer's clock."""
         account = self._input(change.service, change.topic)
         account.changes.append((change.header.sent, change.link))
 
     def note_health(self, health: ServiceHealth) -> None:
-        """What links are in force, as their service says; finds what no change told of."""
+        """Note which links are in force according to their service, announced or not."""
         for link in health.links:
             if link.link:
                 self._requested[link.link] = (link.requested_mean, link.requested_p99)
@@ -121,18 +121,18 @@ class Ledger:
                 account.changes.append((health.header.sent, link.link))
 
     def rows(self) -> list[LedgerRow]:
-        """Every input that took in something, by consumer and topic."""
+        """Return the inputs that received messages, by consumer and topic."""
         result = []
         for (consumer, topic), account in sorted(self._inputs.items()):
             if not account.rows:
                 continue
-            rows, kinds = _joined(account)
-            applied = rows[kinds == Take.APPLIED]
+            rows, outcomes = _joined(account)
+            applied = rows[outcomes == InputOutcome.APPLIED]
             result.append(
                 LedgerRow(
                     consumer=consumer,
                     topic=topic,
-                    counts={Take(kind): n for kind, n in Counter(kinds.tolist()).items()},
+                    counts={InputOutcome(o): n for o, n in Counter(outcomes.tolist()).items()},
                     stages=tuple(stage_times(applied)),
                     samples={
                         name: np.asarray(1e-9 * some, np.float64)
@@ -143,27 +143,25 @@ class Ledger:
         return result
 
     def links(self) -> list[LinkRow]:
-        """Every delay that was in force while something arrived."""
+        """Return the delays that were in force while messages arrived."""
         result = []
         for (consumer, topic), account in sorted(self._inputs.items()):
             if not account.rows or not account.changes:
                 continue
-            rows, kinds = _joined(account)
+            rows, outcomes = _joined(account)
             ordered = sorted(account.changes)
-            # A change may be told of twice, by the change and by the health after it.
+            # A change may be noted twice, from its own message and from the health after it.
             changes = [now for last, now in pairwise([(0, None), *ordered]) if last[1] != now[1]]
-            # Before the first that was told of there is no telling; it is taken to hold already.
+            # Nothing is known before the first change; its link is assumed to have held already.
             bounds = [-(2**62), *(at for at, _ in changes[1:]), 2**62]
             for (begin, end), (_, link) in zip(pairwise(bounds), changes, strict=True):
                 part = (rows[:, _ARRIVAL] >= begin) & (rows[:, _ARRIVAL] < end)
                 if link and part.any():
-                    result.append(self._link(consumer, topic, link, rows[part], kinds[part]))
+                    result.append(self._link(consumer, topic, link, rows[part], outcomes[part]))
         return result
 
-    def _link(
-        self, consumer: str, topic: str, link: str, rows: Table, kinds: npt.NDArray[np.int64]
-    ) -> LinkRow:
-        lost = kinds == Take.LOST
+    def _link(self, consumer: str, topic: str, link: str, rows: Table, outcomes: Table) -> LinkRow:
+        lost = outcomes == InputOutcome.LOST
         achieved = 1e-9 * rows[~lost, _INJECTED]
         mean, p99 = self._requested.get(link) or _parsed(link)
         return LinkRow(
@@ -182,8 +180,8 @@ class Ledger:
         return self._inputs.setdefault((consumer, topic), _Input())
 
 
-def _joined(account: _Input) -> tuple[Table, npt.NDArray[np.int64]]:
-    return np.concatenate(account.rows), np.concatenate(account.kinds)
+def _joined(account: _Input) -> tuple[Table, Table]:
+    return np.concatenate(account.rows), np.concatenate(account.outcomes)
 
 
 def _parsed(link: str) -> tuple[float, float]:

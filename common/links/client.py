@@ -12,10 +12,10 @@ from common.links.control import (
     LinkReply,
     LiveLinks,
     from_wire,
-    links_key,
     to_wire,
 )
 from common.links.spec import LinkSpec
+from common.queries import LINKS
 
 _ANSWER_S = 2.0
 _PAUSE_S = 0.2
@@ -44,7 +44,7 @@ def ask(session: Any, robot: str, live: LiveLinks | None = None) -> Answers:
     """
     try:
         replies = session.get(
-            links_key(robot, "*"),
+            LINKS.key(robot, "*"),
             payload=None if live is None else to_wire(live),
             target=zenoh.QueryTarget.ALL,
             consolidation=zenoh.ConsolidationMode.NONE,

@@ -32,11 +32,6 @@ class LinkControlError(TrillError):
     """A live change of links, or the answer to it, is wrong or impossible."""
 
 
-def links_key(robot: str, service: str) -> str:
-    """Return the key on which ``service`` answers; ``*`` stands for all."""
-    return f"{robot}/links/{service}"
-
-
 def _refuse_file(value: object) -> object:
     """Keep a text from the wire from making a service open files."""
     if isinstance(value, str) and value.lstrip().startswith("trace"):

@@ -1,4 +1,4 @@
-"""The contract between a service and whatever runs it: live, in simulated time, or from a log."""
+"""Define the contract between a service and its runner: live, in simulated time, or from a log."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -45,24 +45,24 @@ class Output:
 
 
 class Service(ABC):
-    """A service as a plain object; it knows neither the transport nor a wall clock.
+    """A service as a plain object, independent of the transport and of wall clocks.
 
     Attributes:
         name: short name, also the ``source`` in message headers.
         period_ns: nominal time between steps [ns].
         reads: topics it subscribes to.
         writes: topics it publishes.
-        trigger: optional topic whose arrival starts a step (at most one per ``period_ns``, to
-            which the arrivals are phase-locked); without an arrival a step still runs after
-            1.5 periods. None: steps are paced by the clock alone.
+        trigger: topic whose arrivals start steps (at most one per ``period_ns``, phase-locked to
+            the arrivals); without an arrival a step still runs after 1.5 periods. None: steps are
+            paced by the clock alone.
         exit_code: set by the service itself to end its runner after the current step, whose
-            outputs are still published; it becomes the process's exit status. None: run on.
-        heartbeat_timeout_s: silence of its loop that others may take for its death [s]; must be
-            well above its longest step plus 0.04 s, the time between heartbeats.
-        wanted: tells whether anybody reads a topic of ``writes`` just now, to save costly outputs;
-            set by the runner. Without one everything is wanted.
-        settings: all that :meth:`from_settings` needs to build the like of it, as JSON's types;
-            published with its journal so that a log suffices for a replay. Empty: not replayable.
+            outputs are still published; it becomes the process's exit status. None: keep running.
+        heartbeat_timeout_s: heartbeat timeout of its loop [s]; must be well above its longest step
+            plus 0.04 s, the time between heartbeats.
+        wanted: returns whether a topic of ``writes`` has a subscriber just now, to save costly
+            outputs; set by the runner. Without a runner every topic is wanted.
+        settings: JSON-serialisable constructor arguments, used by :meth:`from_settings` to rebuild
+            the service for a replay; published with its journal. Empty: not replayable.
     """
 
     name: str
@@ -77,17 +77,18 @@ class Service(ABC):
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build the service as it was, from its :attr:`settings`, to be replayed.
+        """Rebuild a service from its :attr:`settings`, to be replayed.
 
         Raises:
-            TrillError: it cannot be built from settings, or these are wrong.
+            TrillError: it has inputs outside the bus, so that a log cannot reproduce it, or the
+                settings are wrong.
         """
-        raise TrillError(f"{cls.__name__} cannot be replayed: not all it heard came over the bus")
+        raise TrillError(f"{cls.__name__} cannot be replayed: it has inputs outside the bus")
 
     @abstractmethod
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Advance by one period; ``now_ns`` is the runner's monotonic clock [ns]."""
 
     def close(self) -> None:
-        """Release what the service holds; called once when its runner stops."""
+        """Release resources; called once when the runner stops."""
         return

@@ -1,4 +1,10 @@
-"""Message schemas, one file per family."""
+"""Message schemas, one file per family.
+
+A field that is added gets a default, so that older logs and senders stay readable; see
+:mod:`common.wire.compatibility` for what else two versions of a schema may differ in. A field that
+a reader must not ignore is added without one. A field that changes its meaning but neither name
+nor type, for instance its frame, takes a new ``VERSION`` of its message.
+"""
 
 from common.schemas.base import Header, Message
 from common.schemas.camera import CameraFrame
@@ -12,7 +18,7 @@ from common.schemas.health import (
     ServiceHealth,
     StageTime,
 )
-from common.schemas.journal import StepJournal, Stream
+from common.schemas.journal import InputSource, StepJournal
 from common.schemas.link import LinkChange
 from common.schemas.operator import Gait, GaitRequest, OperatorStatus, Setpoint
 from common.schemas.plant import (
@@ -51,6 +57,7 @@ __all__ = [
     "HandController",
     "Header",
     "Heartbeat",
+    "InputSource",
     "JointCommand",
     "LinkChange",
     "LinkHealth",
@@ -69,7 +76,6 @@ __all__ = [
     "Setpoint",
     "StageTime",
     "StepJournal",
-    "Stream",
     "TaskStage",
     "TaskStatus",
     "TaskVerdict",

@@ -49,7 +49,7 @@ class ArraySpec:
         if b"\0" in np.isfinite(array).tobytes():
             raise ValueError("expected finite numbers, got NaN or infinity")
         if self.unit:
-            norm = math.sqrt(array @ array)
+            norm = math.hypot(*array.tolist())
             if abs(norm - 1.0) > UNIT_TOLERANCE:
                 raise ValueError(f"expected a unit quaternion (w, x, y, z), got norm {norm:.6g}")
         return array

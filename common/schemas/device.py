@@ -1,4 +1,4 @@
-"""What an operator's headset and hand controllers report, before any of it means anything."""
+"""Raw input of an operator's headset and hand controllers."""
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -8,7 +8,7 @@ from common.schemas.base import Message
 
 
 class HandController(BaseModel):
-    """One hand controller: where it is held, and what is pressed.
+    """Pose and buttons of one hand controller.
 
     Poses are in the operator's floor frame: origin on the floor of the operator's room, x forward,
     y left, z up (WebXR's ``local-floor`` with its axes renamed).

@@ -8,7 +8,7 @@ from common.schemas.base import Message
 
 
 class EpisodeAction(IntEnum):
-    """What happens to the episode."""
+    """Change of an episode."""
 
     START = 0
     END = 1

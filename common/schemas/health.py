@@ -1,4 +1,4 @@
-"""What each service says about its own health, twice a second, and that it is alive."""
+"""Health of a service, published twice a second, and its heartbeat."""
 
 from typing import Literal
 
@@ -12,7 +12,7 @@ class _Part(BaseModel):
 
 
 class StageTime(_Part):
-    """How long messages of an input spent in one stage of their way, over the last seconds.
+    """Time that messages of an input spent in one stage of their way, over the last seconds.
 
     ``capture``: from capturing the information to encoding it. ``encode``: in the codec.
     ``wire``: from there to arriving at the reader's transport, by the estimated clock offset.
@@ -36,8 +36,11 @@ class LinkHealth(_Part):
     gaps: int = Field(ge=0, description="messages missing by sequence number")
     late: int = Field(default=0, ge=0, description="overtaken by a newer one")
     repeated: int = Field(default=0, ge=0, description="arrived again")
-    skipped: int = Field(default=0, ge=0, description="let go unread, the service stood still")
+    skipped: int = Field(default=0, ge=0, description="dropped unread: the service stood still")
     stale: int = Field(default=0, ge=0, description="too old when they arrived, not applied")
+    adapted: int = Field(
+        default=0, ge=0, description="of another version of the schema, but readable"
+    )
     refused: int = Field(ge=0, description="not decodable or not valid")
     last_refusal: str = Field(default="", max_length=400)
     link: str = Field(default="", max_length=200, description="what is injected; empty: nothing")
@@ -45,7 +48,7 @@ class LinkHealth(_Part):
     requested_p99: float = Field(default=0.0, ge=0.0, description="[s]")
     achieved_mean: float = Field(default=0.0, ge=0.0, description="since the link was set [s]")
     achieved_p99: float = Field(default=0.0, ge=0.0, description="[s]")
-    lost: int = Field(default=0, ge=0, description="lost by the link on purpose")
+    lost: int = Field(default=0, ge=0, description="dropped by the link on purpose")
     stages: list[StageTime] = Field(default_factory=list, max_length=8)
 
 
@@ -61,9 +64,9 @@ class PeerHealth(_Part):
     """Another service as this one sees it."""
 
     source: str
-    alive: bool = Field(description="its heartbeat comes")
+    alive: bool = Field(description="its heartbeat arrives")
     silent: float = Field(ge=-1.0, description="since its last heartbeat [s]; -1: none yet")
-    deaths: int = Field(default=0, ge=0, description="times its heartbeat stopped")
+    losses: int = Field(default=0, ge=0, description="times its heartbeat stopped")
     clock_offset: float = Field(default=0.0, description="its clock is behind this one's by [s]")
     clock_error: float = Field(default=-1.0, ge=-1.0, description="at most [s]; -1: not known")
 
@@ -86,7 +89,9 @@ class ServiceHealth(Message):
 
 
 class Heartbeat(Message):
-    """Sent by a service's own loop, so that it stops when the loop does."""
+    """Heartbeat of a service, sent by its own loop so that it stops when the loop does."""
 
-    steps: int = Field(ge=0)
-    promise: float = Field(gt=0.0, le=10.0, description="silence that means death [s]")
+    steps: int = Field(ge=0, description="made by the loop so far")
+    timeout: float = Field(
+        gt=0.0, le=10.0, description="heartbeat timeout: silence after which it counts as lost [s]"
+    )

@@ -6,9 +6,9 @@ from common.schemas.base import Message
 
 
 class LinkChange(Message):
-    """A service says that the link in front of one of its inputs has changed, or is not as none.
+    """The link in front of one input of a service has changed.
 
-    Also told at the start of each service for links it starts with.
+    Published by the consumer; also when it starts, for each link that it starts with.
     """
 
     service: str = Field(max_length=64, description="the consumer")

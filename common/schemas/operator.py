@@ -1,4 +1,4 @@
-"""What an operator (a person, a script or a policy) tells the robot."""
+"""Set-points, gait requests and status of an operator (a person, a script or a policy)."""
 
 from enum import IntEnum
 
@@ -32,18 +32,20 @@ class Setpoint(Message):
 
 
 class GaitRequest(Message):
-    """Ask for one gait; accepted only while balancing, always answered with a GaitReply."""
+    """Request for one gait; accepted only while balancing, always answered by a GaitReply."""
 
     request_id: int = Field(ge=0, description="chosen by the sender, echoed in every reply")
     gait: Gait
 
 
 class OperatorStatus(Message):
-    """Where a scripted operator is in its script; published at 5 Hz and at every change."""
+    """Progress of a scripted operator; published at 5 Hz and at every change."""
 
     script: str = Field(max_length=64, description="name of the script")
     step: int = Field(ge=0, description="top-level steps done")
     steps: int = Field(ge=0, description="top-level steps in all")
     label: str = Field(default="", max_length=200, description="last mark the script made")
     finished: bool = Field(description="the script has ended, well or not")
-    failed: str = Field(default="", max_length=200, description="why it failed; empty: it did not")
+    failed: str = Field(
+        default="", max_length=200, description="why it failed; empty if it did not"
+    )

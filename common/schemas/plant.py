@@ -1,4 +1,4 @@
-"""What the plant (simulated or real robot) says and is told."""
+"""State, status, commands and requests of the plant (simulated or real robot)."""
 
 from enum import IntEnum
 
@@ -10,7 +10,7 @@ from common.schemas.base import Message
 
 
 class GuardMode(IntEnum):
-    """What the plant's command guard is doing with the motors."""
+    """How the plant's command guard treats the motors."""
 
     SILENT = 0
     """No command yet: joints hold the initial pose."""
@@ -57,7 +57,7 @@ class JointCommand(Message):
 
 
 class PlantStatus(Message):
-    """How the plant is doing: guard, pace, age of the state behind the applied torque."""
+    """Guard mode, pace and counters of the plant; age of the state behind the applied torque."""
 
     guard: GuardMode
     paused: bool
@@ -71,11 +71,11 @@ class PlantStatus(Message):
     saturated_fraction: float = Field(
         ge=0.0, le=1.0, description="share of physics steps with a motor at its torque limit"
     )
-    late_steps: int = Field(ge=0, description="physics steps given up to catch up with the wall")
+    late_steps: int = Field(ge=0, description="physics steps skipped to catch up with the wall")
 
 
 class PlantAction(IntEnum):
-    """What a :class:`PlantRequest` asks for."""
+    """Action of a :class:`PlantRequest`."""
 
     RESET = 0
     PAUSE = 1
@@ -84,7 +84,7 @@ class PlantAction(IntEnum):
 
 
 class PlantRequest(Message):
-    """Ask the (simulated) plant to reset, pause, resume or push the torso."""
+    """Request to the (simulated) plant to reset, pause, resume or push the torso."""
 
     action: PlantAction
     force: Vector3 = Field(

@@ -1,4 +1,4 @@
-"""How a scored task is going, and what of its scene an operator may know."""
+"""Progress of a scored task, and the objects of its scene."""
 
 from enum import IntEnum
 
@@ -15,26 +15,26 @@ class _Part(BaseModel):
 
 
 class TaskVerdict(IntEnum):
-    """How a trial stands. All but RUNNING are final until the plant is reset."""
+    """Verdict on a trial; all but RUNNING are final until the plant is reset."""
 
     RUNNING = 0
     SUCCESS = 1
-    """The goal within the time, no fall, no undesired contact."""
+    """The goal was reached within the time, without a fall or an undesired contact."""
     PARTIAL = 2
-    """The goal with an undesired contact, or only part of the task within the time."""
+    """The goal was reached with an undesired contact, or only part of the task was done in time."""
     FAILURE = 3
-    """A fall, an end that cannot be mended, or nothing done within the time."""
+    """The robot fell, the task can no longer be done, or no part of it was done in time."""
 
 
 class TaskStage(_Part):
-    """One step on the way to a task's goal; the last of them is the goal."""
+    """One step towards a task's goal; the last one is the goal."""
 
     name: str = Field(max_length=80)
     done: bool
 
 
 class UndesiredContact(_Part):
-    """A touch that should not have been."""
+    """A contact that the task forbids."""
 
     name: str = Field(max_length=80, description="for instance: left wrist on jamb")
     since: float = Field(ge=0.0, description="time of the first touch in the trial [s]")
@@ -56,7 +56,7 @@ class TaskStatus(Message):
 
 
 class ScenePose(_Part):
-    """Where something is."""
+    """Pose of an object or a mark."""
 
     name: str = Field(max_length=80)
     position: Vector3 = Field(description="in world [m]")
@@ -64,17 +64,17 @@ class ScenePose(_Part):
 
 
 class SceneJoint(_Part):
-    """A hinge or slide of the scene."""
+    """Position of a hinge or slide of the scene."""
 
     name: str = Field(max_length=80)
     position: float = Field(description="[rad] or [m]")
 
 
 class SceneState(Message):
-    """Ground truth about the objects around the robot; goes out together with the robot's.
+    """Ground truth of the objects around the robot; published together with that of the robot.
 
-    ``objects`` are the task's moving things, ``marks`` places that do not move: the goal and what
-    the task names besides. ``qpos`` poses the scene in the model that plant and cameras share.
+    ``objects`` are the task's moving objects, ``marks`` places that do not move: the goal and other
+    places the task names. ``qpos`` poses the scene in the model that plant and cameras share.
     """
 
     scene: str = Field(max_length=80)

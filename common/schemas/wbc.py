@@ -1,4 +1,4 @@
-"""What the whole-body controller says about itself, and its answers to gait requests."""
+"""State of the whole-body controller, and its answers to gait requests."""
 
 from enum import IntEnum
 
@@ -23,7 +23,7 @@ class ControlState(IntEnum):
 
 
 class ControllerState(Message):
-    """The controller's discrete state, tracking errors and solver health, once a tick."""
+    """Discrete state, tracking errors and solver health of the controller, published every tick."""
 
     state: ControlState
     gait: Gait = Field(description="gait in execution; NONE while balancing")
@@ -34,13 +34,15 @@ class ControllerState(Message):
     hand_position_error: Vector2 = Field(description="left, right: |actual - target| [m]")
     hand_rotation_error: Vector2 = Field(description="left, right [rad]")
     hand_weight: float = Field(ge=0.0, description="current weight of the hand position tasks")
-    setpoint_fresh: bool = Field(description="hand set-points arrive in time; else held")
+    setpoint_fresh: bool = Field(
+        description="hand set-points arrive in time; otherwise the last is held"
+    )
     solver: str = Field(max_length=32)
     unsolved: int = Field(ge=0, description="ticks whose QP was not solved, so far")
 
 
 class GaitOutcome(IntEnum):
-    """What became of a gait request."""
+    """Outcome of a gait request."""
 
     ACCEPTED = 0
     REFUSED = 1

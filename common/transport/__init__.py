@@ -1,1 +1,1 @@
-"""Zenoh and nothing else: session, keys, publishers, the raw tap and schema queries."""
+"""Zenoh and nothing else: session, keys, publishers, raw tap and schema queries."""

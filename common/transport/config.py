@@ -1,4 +1,4 @@
-"""Configuration of the bus and the scheme by which services find each other.
+"""Configure the bus, and the ports by which services find each other.
 
 Every known service has its own TCP port (:data:`~common.ports.PORT_OFFSETS` above a base port) on
 which it listens, and keeps trying to connect to the ports before its own in the table; a pair is
@@ -33,10 +33,10 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=
 
 
 class BusConfig(BaseModel):
-    """How a process reaches the bus.
+    """Connection of a process to the bus.
 
-    Durations are whole milli- or microseconds because the transport takes them so. The defaults
-    keep a publisher from ever waiting for a slow subscriber for more than a few milliseconds.
+    Durations are whole milli- or microseconds because the transport takes them so. With the
+    defaults a publisher never waits for a slow subscriber for more than a few milliseconds.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -87,7 +87,7 @@ class BusConfig(BaseModel):
     )
 
     def listen_endpoints(self, service: str) -> list[str]:
-        """Where ``service`` listens; clients listen nowhere unless told to."""
+        """Return the endpoints on which ``service`` listens; none for a client by default."""
         if self.listen is not None:
             return list(self.listen)
         if self.mode == "client":
@@ -97,7 +97,7 @@ class BusConfig(BaseModel):
         return [self._endpoint(port)]
 
     def connect_endpoints(self, service: str) -> list[str]:
-        """Whom ``service`` connects to."""
+        """Return the endpoints that ``service`` connects to."""
         if self.connect is not None:
             return list(self.connect)
         if self.mode == "client":
@@ -111,13 +111,13 @@ class BusConfig(BaseModel):
         return [self._endpoint(self.base_port + offset) for offset in offsets]
 
     def zenoh_config(self, service: str) -> dict[str, Any]:
-        """The Zenoh configuration of ``service``, ready to be written as JSON."""
+        """Return the Zenoh configuration of ``service``, JSON-serialisable."""
         queue_names = ("real_time", "interactive_high", "interactive_low", "data", "data_low")
         base: dict[str, Any] = {
             "mode": self.mode,
             "scouting": {
                 "multicast": {"enabled": False},
-                # Of two peers that hear of each other only one connects: no crossing attempts.
+                # Of two peers that discover each other only one connects: no crossing attempts.
                 "gossip": {
                     "enabled": True,
                     "autoconnect_strategy": {"peer": {"to_peer": "greater-zid"}},
@@ -134,7 +134,7 @@ class BusConfig(BaseModel):
                     "period_increase_factor": 1.5,
                 },
             },
-            # Without multicast there is nobody to wait for when opening.
+            # Without multicast no peer is known yet that opening could wait for.
             "open": {"return_conditions": {"connect_scouted": False}},
             "timestamping": {"enabled": True},
             "transport": {
@@ -165,7 +165,9 @@ class BusConfig(BaseModel):
 def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Read a TOML file of tables: :data:`SHARED_TABLES` and one for each service.
 
-    Services that may have a table are those of :data:`PORT_OFFSETS` and those in ``also``.
+    Args:
+        path: the file.
+        also: services that may have a table though :data:`PORT_OFFSETS` does not name them.
 
     Raises:
         ConfigError: the file cannot be read, is not TOML, or holds anything but known tables.
@@ -228,7 +230,7 @@ def bus_config(
 
 
 def bus_of(config: Path | None = None, **arguments: Any) -> BusConfig:
-    """Return the bus as the services of a system see it: :func:`bus_config` with their file.
+    """Return the bus configuration of a system: :func:`bus_config` with its file.
 
     The file is ``config``, or that of ``TRILL_CONFIG``. ``arguments`` are fields of
     :class:`BusConfig`, of which None counts as not given.

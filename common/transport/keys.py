@@ -1,4 +1,4 @@
-"""Key expressions of topics: ``<robot>/<topic>``, with ``/<source>`` for per-source topics."""
+"""Build and read the keys of topics: ``<robot>/<topic>``, or ``<robot>/<topic>/<source>``."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,17 +9,17 @@ _BY_NAME: Mapping[str, Topic[Any]] = {topic.name: topic for topic in ALL_TOPICS}
 
 
 def key_of(robot: str, topic: Topic[Any], source: str) -> str:
-    """Key under which ``source`` publishes ``topic``."""
+    """Return the key under which ``source`` publishes ``topic``."""
     return f"{robot}/{topic.name}/{source}" if topic.per_source else f"{robot}/{topic.name}"
 
 
 def subscription_of(robot: str, topic: Topic[Any]) -> str:
-    """Key expression that matches ``topic`` from every source."""
+    """Return the key expression that matches ``topic`` from every source."""
     return f"{robot}/{topic.name}/*" if topic.per_source else f"{robot}/{topic.name}"
 
 
 def topic_of(robot: str, key: str) -> Topic[Any] | None:
-    """The topic published under ``key``; None if the table has none."""
+    """Return the topic published under ``key``; None if the table has none."""
     prefix = f"{robot}/"
     if not key.startswith(prefix):
         return None

@@ -1,4 +1,4 @@
-"""Typed publisher: stamps the header, encodes, and hands over to the transport."""
+"""Publish typed messages: stamp the header, encode, and pass to the transport."""
 
 import logging
 import time
@@ -21,7 +21,7 @@ PRIORITIES = {
     Priority.INTERACTIVE: zenoh.Priority.INTERACTIVE_HIGH,
     Priority.BULK: zenoh.Priority.DATA_LOW,
 }
-"""The transport's class of each."""
+"""The transport's class of each priority."""
 _LOG_INTERVAL_S = 1.0
 
 _log = logging.getLogger(__name__)
@@ -44,14 +44,19 @@ class Publisher(Generic[M]):
         boot: int,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Declare the publisher of ``topic`` by the service ``source``.
+        """Declare the publisher.
 
-        ``robot`` is the first part of the key, ``boot`` the random id of this process's life, and
-        ``clock`` gives ``sent`` [ns].
+        Args:
+            session: an open Zenoh session.
+            robot: first part of the key.
+            topic: what to publish.
+            source: the sending service.
+            boot: random id of this process.
+            clock: returns the time of sending [ns].
         """
         self.topic = topic
         self.sent = 0
-        """Messages handed to the transport."""
+        """Messages that the transport accepted."""
         self.errors = 0
         """Messages the transport refused."""
         self._clock = clock
@@ -69,9 +74,13 @@ class Publisher(Generic[M]):
         )
 
     def send(self, message: M, captured_ns: int = 0) -> bool:
-        """Stamp, encode and send; return whether the transport took it. Its errors are counted.
+        """Stamp, encode and send; returns whether the transport accepted it.
 
-        ``captured_ns`` is when the message's information came in, unless its header states that.
+        Errors of the transport are counted and logged, not raised.
+
+        Args:
+            message: to be sent.
+            captured_ns: when its information was captured, unless its header says so [ns].
 
         Raises:
             SchemaError: the message does not fit the wire.
@@ -89,7 +98,7 @@ class Publisher(Generic[M]):
 
     @property
     def wanted(self) -> bool:
-        """Whether another session subscribes to it now, as far as this one knows."""
+        """Whether another session subscribes to the topic now, as far as this one knows."""
         return bool(self._publisher.matching_status.matching)
 
     def close(self) -> None:

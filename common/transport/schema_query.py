@@ -1,8 +1,8 @@
-"""Services describe their topics, so that a stranger can record them without knowing them.
+"""Query services for the schemas of their topics, to record topics that are not in the table.
 
-Each live service answers queries on ``<robot>/schema/<service>`` with the keys it publishes, their
-schema tags and JSON Schemas. Whoever asks ``*/schema/*`` learns which robots there are and what
-they say. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}``.
+Each live service answers queries on :data:`common.queries.SCHEMA` with the keys it publishes,
+their schema tags and JSON Schemas. Querying every robot and service tells which robots there are
+and what they publish. The answer is a msgpack map ``{key: {"tag": text, "jsonschema": text}}``.
 """
 
 import json
@@ -13,20 +13,21 @@ import msgpack
 import zenoh
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from common.queries import SCHEMA
 from common.schemas import Message
 from common.topics import Topic
 from common.transport.keys import key_of
-from common.wire.schema import schema_tag
+from common.wire.schema import MAX_TAG, schema_tag
 
 _MAX_ANSWER = 16 * 1024 * 1024
 
 
 class Description(BaseModel):
-    """What a service says of one of its keys."""
+    """A service's description of one of its keys."""
 
     model_config = ConfigDict(frozen=True)
 
-    tag: str = Field(max_length=400)
+    tag: str = Field(max_length=MAX_TAG)
     jsonschema: str
 
     @property
@@ -39,28 +40,27 @@ _Answer = TypeAdapter(dict[str, Description])
 
 
 class SchemaServer:
-    """Answers queries for the schemas of the topics that a service publishes."""
+    """Answers queries for what a service publishes; publishes nothing itself."""
 
     def __init__(
         self, session: "zenoh.Session", robot: str, service: str, topics: Iterable[Topic[Any]]
     ) -> None:
-        """Begin to answer on ``session`` for the ``topics`` of ``service``."""
+        """Start answering on ``session`` for the ``topics`` of ``service``."""
         described = {}
         for topic in topics:
             schema: type[Message] = topic.schema
             text = json.dumps(schema.model_json_schema(), ensure_ascii=False)
-            described[key_of(robot, topic, service)] = {
-                "tag": schema_tag(schema), "jsonschema": text,
-            }  # fmt: skip
-        # Encoded now, so that the first query does not stop the service's other threads.
+            key = key_of(robot, topic, service)
+            described[key] = {"tag": schema_tag(schema), "jsonschema": text}
+        # Encoded now, so that the first query does not hold up the service's other threads.
         answer: bytes = msgpack.packb(described)
-        key = f"{robot}/schema/{service}"
+        answer_key = SCHEMA.key(robot, service)
 
         def reply(query: Any) -> None:
             with query:
-                query.reply(key, answer)
+                query.reply(answer_key, answer)
 
-        self._queryable: Any = session.declare_queryable(key, reply)
+        self._queryable: Any = session.declare_queryable(answer_key, reply)
 
     def close(self) -> None:
         """Stop answering; the session must still be open."""
@@ -70,14 +70,18 @@ class SchemaServer:
 def discover(
     session: "zenoh.Session", robot: str = "*", timeout: float = 1.0
 ) -> dict[str, dict[str, Description]]:
-    """Query the robots on the bus, or one of them, for what their services publish.
+    """Query which robots there are and what they publish.
+
+    Args:
+        session: an open Zenoh session.
+        robot: query this robot only.
+        timeout: for answers [s]; services that are up answer at once.
 
     Returns:
-        the descriptions by key, by robot; invalid answers are ignored. Services that are up answer
-        at once, others are waited for ``timeout`` [s].
+        robot to key to description; malformed answers are left out.
     """
     found: dict[str, dict[str, Description]] = {}
-    replies = session.get(f"{robot}/schema/*", target=zenoh.QueryTarget.ALL, timeout=timeout)
+    replies = session.get(SCHEMA.key(robot, "*"), target=zenoh.QueryTarget.ALL, timeout=timeout)
     for reply in replies:
         if reply.ok is None:
             continue

@@ -1,4 +1,4 @@
-"""Opening the Zenoh session."""
+"""Open the Zenoh session."""
 
 import json
 import secrets
@@ -19,17 +19,21 @@ class BusError(TrillError):
 def open_session(
     config: BusConfig, service: str, stopping: Callable[[], bool] = lambda: False
 ) -> "zenoh.Session":
-    """Open a session for ``service``; peers that are not there yet are found later.
+    """Open a session for ``service``; peers that are not up yet are found later.
 
-    A client needs its router to open at all, so a client tries again for
-    ``config.patience_s`` or until ``stopping`` returns True.
+    A client cannot open without its router, so it retries for ``config.patience_s`` or until
+    ``stopping`` returns True.
+
+    Args:
+        config: how to reach the bus.
+        service: chooses the listening port of the table.
+        stopping: called between attempts.
 
     Raises:
-        BusError: the configuration is not one Zenoh takes, an endpoint cannot be listened on, or
-            a client finds no router.
+        BusError: Zenoh refuses the configuration, an endpoint cannot be listened on, or a client
+            finds no router.
     """
-    # That module reports every message that crosses with a peer's leaving as an error.
-    zenoh.init_log_from_env_or("error,zenoh::api::session=off")
+    zenoh.init_log_from_env_or("error")
     text = json.dumps(config.zenoh_config(service))
     give_up = time.monotonic() + (config.patience_s if config.mode == "client" else 0.0)
     while True:
@@ -43,8 +47,8 @@ def open_session(
 
 
 def _open_error(config: BusConfig, service: str, text: str) -> str:
-    """Say what was tried and how to mend it."""
-    # What follows are places in the transport's sources, one per layer.
+    """Return an error text with the endpoints that were tried and how to mend it."""
+    # After it come places in the transport's sources, one per layer.
     reason = text.partition(" at /")[0].strip()
     if _is_malformed(reason):
         return f"{service} cannot open the bus: {reason}; {_ENDPOINT_HELP}"
@@ -69,7 +73,7 @@ _ENDPOINT_HELP = "expected an endpoint such as tcp/127.0.0.1:7448 (protocol/host
 
 
 def _is_malformed(reason: str) -> bool:
-    """Whether the transport could not even read an endpoint."""
+    """Whether the transport could not parse an endpoint."""
     return any(
         sign in reason
         for sign in ("Endpoints must be of the form", "invalid port value", "not supported for")
@@ -77,7 +81,7 @@ def _is_malformed(reason: str) -> bool:
 
 
 def new_boot_id() -> int:
-    """Return a random id for this process's life."""
+    """Return a random id for this process."""
     return secrets.randbits(63)
 
 

@@ -1,4 +1,4 @@
-"""A raw tap: sees every byte on a robot's bus and publishes nothing."""
+"""Collect every message on a robot's bus as bytes, without publishing anything."""
 
 import threading
 import time
@@ -11,7 +11,7 @@ import zenoh
 from common.transport.session import tag_of
 
 TRANSPORT_QUEUE = 4096
-"""Samples that wait outside the interpreter, so that its being busy costs no message."""
+"""Samples that wait outside the interpreter, so that none is lost while it is busy."""
 
 
 class RawSample(NamedTuple):
@@ -28,13 +28,13 @@ class RawSample(NamedTuple):
 class RawTap:
     """Collects what is published under ``<robot>/**``, or under given key expressions.
 
-    The transport's thread only hands on: to ``deliver`` if there is one, else to a queue bounded
-    by messages and bytes. When the reader of that queue falls behind, the oldest samples are let
-    go.
+    The transport's thread only passes samples on: to ``deliver`` if given, else to a queue bounded
+    by messages and bytes. When the reader of that queue falls behind, the oldest samples are
+    dropped.
 
     Attributes:
-        error: the exception of ``deliver``, after which nothing more is delivered; None: it works.
-            Whoever gives a ``deliver`` has to watch this.
+        error: the exception of ``deliver``, after which nothing more is delivered; None while it
+            works. The owner of a tap with a ``deliver`` has to check it.
     """
 
     def __init__(
@@ -55,13 +55,13 @@ class RawTap:
             session: an open Zenoh session.
             robot: first part of every key.
             maxlen: bounds the samples that wait to be drained.
-            clock: gives the time of arrival [ns].
+            clock: returns the time of arrival [ns].
             max_bytes: bounds their payloads.
             deliver: called with each sample in a thread of the tap, instead of queueing it; must
-                return at once. That thread may be kept from running for a while: samples wait
-                for it in the transport, up to :data:`TRANSPORT_QUEUE` of them.
-            expressions: key expressions to listen to instead of ``<robot>/**``; may overlap.
-            accept: says of a key, once, whether its messages are wanted; None: all are.
+                return at once. If that thread does not get to run for a while, up to
+                :data:`TRANSPORT_QUEUE` samples wait for it in the transport.
+            expressions: key expressions to subscribe to instead of ``<robot>/**``; may overlap.
+            accept: called once for each key; returns whether its messages are wanted. None: all.
         """
         self.received = 0
         self.error: Exception | None = None
@@ -82,7 +82,7 @@ class RawTap:
             self.listen(expression)
 
     def listen(self, expression: str) -> None:
-        """Listen to one more key expression; a key matched by several is delivered once."""
+        """Subscribe to one more key expression; a key matched by several is delivered once."""
         wanted = zenoh.KeyExpr(expression)
         if any(known.includes(wanted) for known in self._expressions):
             return
@@ -102,7 +102,7 @@ class RawTap:
             self._readers.append(reader)
 
     def drain(self) -> list[RawSample]:
-        """Take out everything collected so far, oldest first."""
+        """Remove and return everything collected so far, oldest first."""
         with self._lock:
             taken = list(self._queue)
             self._queue.clear()
@@ -119,7 +119,7 @@ class RawTap:
         self._readers.clear()
 
     def _receiver(self, before: tuple[Any, ...]) -> Callable[[Any], None]:
-        """Return a callback that passes on what no expression of ``before`` matches."""
+        """Return a callback that passes on samples that no expression of ``before`` matches."""
         decided: dict[str, bool] = {}
         clock, deliver = self._clock, self._deliver
 

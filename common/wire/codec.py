@@ -1,30 +1,26 @@
-"""Messages to bytes and back: one msgpack map of all fields, arrays as little-endian bytes.
+"""Encode and decode messages: one msgpack map of all fields, arrays as little-endian bytes.
 
 The header travels as the field ``header`` and is given apart from the message, so a publisher
-stamps what it sends without copying the message. Decoding checks everything the schema says and
-raises nothing but :class:`~common.errors.SchemaError`, whatever the bytes are.
-
-All arrays of a message are checked at once: they are joined to one block whose finiteness is one
-operation, and each field becomes a read-only view on it.
+stamps it without copying the message. Decoding checks everything that the schema requires and
+raises nothing but :class:`~common.errors.SchemaError`, whatever the bytes are. Arrays become
+read-only views on the received bytes.
 """
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from itertools import accumulate
-from operator import itemgetter
 from typing import Any, TypeVar, cast
 
 import msgpack
 import numpy as np
 from pydantic import BaseModel, ValidationError
-from pydantic_core import SchemaValidator, core_schema
 
 from common.errors import SchemaError
 from common.schemas import Header, Message
-from common.schemas.arrays import UNIT_TOLERANCE, ArraySpec, Float64Array
-from common.wire.schema import array_spec, describe_array, schema_hash, schema_tag
+from common.wire.arrays import ArrayLayout, array_layout, view_arrays
+from common.wire.builder import message_builder
+from common.wire.compatibility import Compatibility, adapt, compatibility
+from common.wire.schema import describe_array, schema_hash, schema_tag
 
 __all__ = ["MAX_PAYLOAD", "decode", "encode", "schema_hash", "schema_tag"]
 
@@ -42,30 +38,21 @@ _MAX_NAME = 40
 
 
 @dataclass(frozen=True)
-class _Arrays:
-    """The array fields of a schema and their places in the joined block."""
-
-    specs: dict[str, ArraySpec]
-    sizes: tuple[int, ...]
-    """Bytes of each."""
-    pieces_of: Callable[[Any], tuple[Any, ...]]
-    """Takes their values out of a map."""
-    views_of: Callable[[Any], tuple[Float64Array, ...]]
-    """Takes their views out of the block."""
-    shaped: tuple[tuple[str, tuple[int, ...]], ...]
-    """Those with more than one dimension."""
-    units: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class _Plan:
-    """What is worked out once per schema."""
+    """Everything about a schema that is computed once.
+
+    Attributes:
+        tag: of the schema.
+        names: of its fields.
+        prefix: first bytes of every message, up to its header.
+        arrays: its array fields.
+        build: makes a message from its fields.
+    """
 
     tag: str
     names: frozenset[str]
     prefix: bytes
-    """What every message begins with, up to its header."""
-    arrays: _Arrays
+    arrays: ArrayLayout
     build: Callable[[dict[str, Any]], Message]
 
 
@@ -81,7 +68,7 @@ def encode(message: Message, header: Header) -> bytes:
 def encode_body(message: Message) -> bytes:
     """Return everything but the header as a msgpack map, for :func:`with_header`.
 
-    Apart, so that the header can tell how long this took.
+    It is a step of its own so that the header can carry its duration.
 
     Raises:
         SchemaError: a value does not fit the wire, e.g. an integer beyond 64 bits.
@@ -126,23 +113,24 @@ def decode(payload: bytes, schema: type[M], tag: str | None = None, injected_ns:
     Args:
         payload: bytes made by :func:`encode`, or anything.
         schema: the expected message type.
-        tag: what the sender called its schema; refused unless it is this schema's
-            :func:`schema_tag`. None: not checked.
+        tag: the sender's :func:`schema_tag`; another version than this is read by the rule of
+            :mod:`common.wire.compatibility` or refused. None: not checked.
         injected_ns: delay injected on the way [ns], noted in the header; 0 leaves it as it is.
 
     Raises:
         SchemaError: the payload is not such a message; the text names the differing fields.
     """
     plan = _plan(schema)
-    if tag is not None and tag != plan.tag:
-        raise _mismatch(payload, plan, tag)
-    fields = _unpack(payload, schema)
+    if tag is None or tag == plan.tag:
+        fields = _unpack(payload, schema)
+    else:
+        fields = _unpack_other(payload, schema, plan, tag)
     if fields.keys() != plan.names:
         raise SchemaError(_limited(f"{schema.__name__}: {'; '.join(_differences(fields, plan))}"))
     if injected_ns and isinstance(fields["header"], dict):
         fields["header"]["injected"] = injected_ns
     if plan.arrays.sizes:
-        _take_arrays(fields, plan, schema)
+        _view_arrays(fields, plan, schema)
     try:
         return cast(M, plan.build(fields))
     except ValidationError as error:
@@ -175,38 +163,28 @@ def _unpack(payload: bytes, schema: type[Message]) -> dict[str, Any]:
     return fields
 
 
-def _take_arrays(fields: dict[str, Any], plan: _Plan, schema: type[Message]) -> None:
+def _unpack_other(payload: bytes, schema: type[Message], plan: _Plan, tag: str) -> dict[str, Any]:
+    """Return the top-level map of a message of another version, as this version would have it."""
+    found = compatibility(schema, tag)
+    if found.refusal:
+        raise _mismatch(payload, plan, tag, found)
+    fields = _unpack(payload, schema)
+    adapt(fields, schema, tag)
+    return fields
+
+
+def _view_arrays(fields: dict[str, Any], plan: _Plan, schema: type[Message]) -> None:
     """Replace the array fields' bytes by checked read-only views."""
-    arrays = plan.arrays
-    pieces = arrays.pieces_of(fields)
     try:
-        fitting = tuple(map(len, pieces)) == arrays.sizes
-        block = np.frombuffer(b"".join(pieces), dtype="<f8") if fitting else None
-    except TypeError:  # a number has no length, and text does not join with bytes
-        block = None
-    if block is None:
-        text = "; ".join(_differences(fields, plan))
-        raise SchemaError(_limited(f"{schema.__name__}: {text}"))
-    fields.update(zip(arrays.specs, arrays.views_of(block), strict=True))
-    # Looking for a False among the mask's bytes takes a third of the time of `all`.
-    if b"\0" in np.isfinite(block).tobytes():
-        wrong = ", ".join(name for name in arrays.specs if not np.isfinite(fields[name]).all())
-        raise SchemaError(
-            f"{schema.__name__}: {wrong}: expected finite numbers, got NaN or infinity"
-        )
-    for name in arrays.units:
-        norm = math.hypot(*fields[name].tolist())
-        if abs(norm - 1.0) > UNIT_TOLERANCE:
-            raise SchemaError(
-                f"{schema.__name__}: {name}: expected a unit quaternion (w, x, y, z), "
-                f"got norm {norm:.6g}"
-            )
-    for name, shape in arrays.shaped:
-        fields[name] = fields[name].reshape(shape)
+        if view_arrays(fields, plan.arrays):
+            return
+    except SchemaError as error:
+        raise SchemaError(f"{schema.__name__}: {error}") from error
+    raise SchemaError(_limited(f"{schema.__name__}: {'; '.join(_differences(fields, plan))}"))
 
 
 def _differences(fields: dict[str, Any], plan: _Plan) -> list[str]:
-    """Say in which fields a received map differs from the schema, as far as it shows."""
+    """List the fields in which a received map visibly differs from the schema."""
     found = {name if isinstance(name, str) else repr(name) for name in fields}
     texts = [f"unknown field {name[:_MAX_NAME]!r}" for name in sorted(found - plan.names)[:5]]
     texts += [f"missing field {name!r}" for name in sorted(plan.names - found)]
@@ -220,99 +198,47 @@ def _differences(fields: dict[str, Any], plan: _Plan) -> list[str]:
     return texts
 
 
-def _mismatch(payload: bytes, plan: _Plan, tag: str) -> SchemaError:
-    """Explain a schema tag that is not the expected one."""
+def _mismatch(payload: bytes, plan: _Plan, tag: str, found: Compatibility) -> SchemaError:
+    """Explain why a schema cannot be read, by the tags and by the fields of the message."""
     try:
         texts = _differences(_unpack(payload, Message), plan)
     except SchemaError as error:
         texts = [str(error)]
-    differing = "; ".join(texts) or "field names and sizes agree, so types or enumerations differ"
-    got = f"{tag[: 2 * _MAX_NAME]!r}" if tag else "no schema"
+    differing = (
+        "; ".join([found.refusal, *texts])
+        if texts
+        else (f"{found.refusal}; field names and sizes agree, so types or enumerations differ")
+    )
+    got = repr(_identity(tag)) if tag else "no schema"
     return SchemaError(
         _limited(
-            f"schema mismatch: received {got}, expected {plan.tag!r}: {differing}; run the same "
-            "version on both sides"
+            f"schema mismatch: received {got}, expected {_identity(plan.tag)!r}: {differing}; run "
+            "the same version on both sides"
         )
     )
 
 
+def _identity(tag: str) -> str:
+    """Shorten a tag to the part before the optional fields."""
+    return ";".join(tag.split(";", 2)[:2])[: 2 * _MAX_NAME]
+
+
 @cache
 def _plan(schema: type[Message]) -> _Plan:
-    """Work out what encoding and decoding ``schema`` need."""
+    """Compute what encoding and decoding ``schema`` need."""
     return _Plan(
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
         prefix=_prefix(len(schema.model_fields)),
-        arrays=_arrays(schema),
-        build=_builder(schema),
+        arrays=array_layout(schema),
+        build=message_builder(schema),
     )
 
 
 def _prefix(fields: int) -> bytes:
-    """The map header for a number of fields, and the name of the first, the header."""
+    """Return the map header for a number of fields, and the name of the first, the header."""
     packer = msgpack.Packer()
     return cast(bytes, packer.pack_map_header(fields) + packer.pack("header"))
-
-
-def _arrays(schema: type[Message]) -> _Arrays:
-    """Lay the array fields of ``schema`` out in one block, in the order of declaration."""
-    found = ((name, array_spec(field.metadata)) for name, field in schema.model_fields.items())
-    specs = {name: spec for name, spec in found if spec is not None}
-    counts = [math.prod(spec.shape) for spec in specs.values()]
-    stops = list(accumulate(counts))
-    return _Arrays(
-        specs=specs,
-        sizes=tuple(8 * count for count in counts),
-        pieces_of=_getter(list(specs)),
-        views_of=_getter([slice(b - n, b) for b, n in zip(stops, counts, strict=True)]),
-        shaped=tuple((name, spec.shape) for name, spec in specs.items() if len(spec.shape) != 1),
-        units=tuple(name for name, spec in specs.items() if spec.unit),
-    )
-
-
-def _getter(keys: Sequence[Any]) -> Callable[[Any], tuple[Any, ...]]:
-    """Like :class:`operator.itemgetter`, but a tuple for any number of keys."""
-    if len(keys) > 1:
-        return itemgetter(*keys)
-    return lambda source: tuple(source[key] for key in keys)
-
-
-def _builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message]:
-    """Return a function that validates a map whose arrays are checked and builds the message.
-
-    Pydantic's own validator would check every array a second time, one by one, which is most of
-    the cost of a state message; so the fields are validated with the arrays taken as they are.
-    A schema with validators of its own on the whole model takes the general way.
-    """
-    core = cast(dict[str, Any], schema.__pydantic_core_schema__)
-    if core["type"] != "model" or core["schema"]["type"] != "model-fields":
-        return schema.model_validate
-    fields_schema = _arrays_accepted(core["schema"])
-    validate = SchemaValidator(fields_schema, core["config"]).validate_python
-    assign = object.__setattr__
-
-    def build(fields: dict[str, Any]) -> Message:
-        values, _, fields_set = validate(fields)
-        message = schema.__new__(schema)
-        assign(message, "__dict__", values)
-        assign(message, "__pydantic_fields_set__", fields_set)
-        assign(message, "__pydantic_extra__", None)
-        assign(message, "__pydantic_private__", None)
-        return message
-
-    return build
-
-
-def _arrays_accepted(fields_schema: dict[str, Any]) -> Any:
-    """Return the fields' validation schema with top-level arrays accepted as they are."""
-    accepted = {}
-    for name, field in fields_schema["fields"].items():
-        inner = field["schema"]
-        inner = inner["schema"] if inner["type"] == "default" else inner
-        function = inner.get("function", {}).get("function")
-        is_array = isinstance(getattr(function, "__self__", None), ArraySpec)
-        accepted[name] = {**field, "schema": core_schema.any_schema()} if is_array else field
-    return {**fields_schema, "fields": accepted}
 
 
 def _plain(value: object) -> object:

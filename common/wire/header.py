@@ -1,4 +1,4 @@
-"""Reading the header off a message's bytes, for those who carry bytes and need no more."""
+"""Read the header off a message's bytes without decoding the rest."""
 
 import msgpack
 
@@ -9,9 +9,10 @@ _HEAD = 1024
 
 
 def wire_header(payload: bytes) -> Header | None:
-    """Read the header off a message's bytes without decoding the rest; None if there is none.
+    """Return the header in a message's bytes; None if there is none.
 
-    The message is a msgpack map with a ``header`` map, as a rule its first entry.
+    The message is a msgpack map with a ``header`` map, as a rule its first entry. Fields of a newer
+    version's header are left out.
     """
     if len(payload) > _HEAD:
         header = _header_in(payload[:_HEAD])
@@ -26,7 +27,9 @@ def _header_in(payload: bytes) -> Header | None:
         unpacker.feed(payload)
         for _ in range(unpacker.read_map_header()):
             if unpacker.unpack() == "header":
-                return Header.model_validate(unpacker.unpack(), strict=True)
+                fields = unpacker.unpack()
+                known = {name: fields[name] for name in Header.model_fields if name in fields}
+                return Header.model_validate(known, strict=True)
             unpacker.skip()
     except (msgpack.exceptions.UnpackException, ValueError, TypeError):
         return None

@@ -1,111 +1,107 @@
-"""Counting what went missing, by the sequence numbers of each publisher."""
+"""Count missing, late and repeated messages by the sequence numbers of each publisher."""
 
 from collections import OrderedDict
 from enum import Enum
 
 from common.schemas import Header
 
-_MAX_STREAMS = 64
-_MAX_HOLES = 1024
+_MAX_RUNS = 64
+_MAX_MISSING = 1024
 MAX_JUMP = 1_000_000
 """A longer gap, more than an hour of the fastest topic, is believed only from two messages."""
 
 
-class Arrival(Enum):
+class MessageOrder(Enum):
     """How a message's sequence number compares with those before it."""
 
     NEXT = "next"
-    """Newer than all before (perhaps with a gap)."""
+    """Newer than all before (perhaps after a gap)."""
     LATE = "late"
     """Overtaken by a newer one."""
     REPEATED = "repeated"
-    """It was there before."""
-    WILD = "wild"
-    """So far ahead that it is taken for damage: believing it would shut out all after it."""
+    """Received before."""
+    IMPLAUSIBLE = "implausible"
+    """So far ahead that it is taken for damage: believing it would make all later ones late."""
 
 
-class _Stream:
-    """What one life of one publisher has shown."""
+class _PublisherRun:
+    """Sequence numbers received from one publisher since it started."""
 
     def __init__(self, first: int) -> None:
         self.last = first
         self.floor = first
-        """Below it is not known what was there."""
-        self.holes: set[int] = set()
+        """Numbers below it are not remembered."""
+        self.missing: set[int] = set()
 
     def advance(self, seq: int) -> None:
-        """Go on to a newer number, remembering what is missing up to it."""
-        start = max(self.last + 1, seq - _MAX_HOLES)
+        """Move on to a newer number and remember the numbers missing before it."""
+        start = max(self.last + 1, seq - _MAX_MISSING)
         if start > self.last + 1:
             self.floor = start
         if start < seq:
-            self.holes.update(range(start, seq))
-            if len(self.holes) > _MAX_HOLES:
-                self.holes = set(sorted(self.holes)[-_MAX_HOLES // 2 :])
-                self.floor = max(self.floor, min(self.holes))
+            self.missing.update(range(start, seq))
+            if len(self.missing) > _MAX_MISSING:
+                self.missing = set(sorted(self.missing)[-_MAX_MISSING // 2 :])
+                self.floor = max(self.floor, min(self.missing))
         self.last = seq
 
-    def fill(self, seq: int) -> bool:
-        """A number below the last came; whether it was missing."""
-        if seq in self.holes:
-            self.holes.remove(seq)
+    def fill_gap(self, seq: int) -> bool:
+        """Note a number below the last; returns whether it was missing."""
+        if seq in self.missing:
+            self.missing.remove(seq)
             return True
         return False
 
 
 class SequenceTracker:
-    """Follows the streams of one topic; a stream is one life of one publisher.
+    """Follows the sequence numbers of one topic, apart for each run of each publisher.
 
-    Messages missing before the first seen do not count, nor does a publisher's restart. A late
-    message fills the gap it left. A number that is wildly ahead is believed only once the next
-    one follows it. The last thousand of the missing are remembered one by one, so that a message
-    that comes late is told from one that comes again; what is older still counts as late.
+    Messages missing before the first received do not count, nor does a publisher's restart. A late
+    message fills the gap it left. A number that is implausibly far ahead is believed only once the
+    next one follows it. The last thousand missing numbers are remembered, so that a late message
+    is distinguished from a repeated one; older ones count as late.
 
     Attributes:
         missing: messages that never came, so far.
         late: messages that came after a newer one.
         repeated: messages that came more than once, each time but the first.
-        streams_seen: lives of publishers.
     """
 
     def __init__(self) -> None:
-        """Start having seen nothing."""
+        """Start with nothing received."""
         self.missing = self.late = self.repeated = 0
-        self.streams_seen = 0
-        self._streams: OrderedDict[tuple[int, str], _Stream] = OrderedDict()
-        self._excused = 0
-        self._wild: dict[tuple[int, str], int] = {}
+        self._runs: OrderedDict[tuple[int, str], _PublisherRun] = OrderedDict()
+        self._discount = 0
+        self._implausible: dict[tuple[int, str], int] = {}
 
-    def excuse(self, count: int) -> None:
-        """Do not count the next ``count`` missing: they arrived, but were not decoded."""
-        self._excused += count
+    def discount(self, count: int) -> None:
+        """Leave ``count`` messages out of the next gap: they arrived, but were not decoded."""
+        self._discount += count
 
-    def observe(self, header: Header) -> Arrival:
-        """Account for a message and say how it fits in."""
+    def observe(self, header: Header) -> MessageOrder:
+        """Count a message and return how it fits in."""
         key = (header.boot, header.source)
-        stream = self._streams.get(key)
-        if stream is None:
-            self.streams_seen += 1
-            self._streams[key] = _Stream(header.seq)
-            if len(self._streams) > _MAX_STREAMS:
-                self._streams.popitem(last=False)
-            self._excused = 0
-            return Arrival.NEXT
-        last = stream.last
-        if header.seq > last + MAX_JUMP and header.seq != self._wild.get(key, -1) + 1:
-            self._wild = {key: header.seq}
-            return Arrival.WILD
+        run = self._runs.get(key)
+        if run is None:
+            self._runs[key] = _PublisherRun(header.seq)
+            if len(self._runs) > _MAX_RUNS:
+                self._runs.popitem(last=False)
+            self._discount = 0
+            return MessageOrder.NEXT
+        last = run.last
+        if header.seq > last + MAX_JUMP and header.seq != self._implausible.get(key, -1) + 1:
+            self._implausible = {key: header.seq}
+            return MessageOrder.IMPLAUSIBLE
         if header.seq > last:
-            jump = header.seq - last - 1
-            excused = min(jump, self._excused)
-            self._excused = 0
-            self.missing += jump - excused
-            stream.advance(header.seq)
-            return Arrival.NEXT
-        if stream.fill(header.seq):
+            gap = header.seq - last - 1
+            self.missing += gap - min(gap, self._discount)
+            self._discount = 0
+            run.advance(header.seq)
+            return MessageOrder.NEXT
+        if run.fill_gap(header.seq):
             self.missing = max(0, self.missing - 1)
-        elif header.seq >= stream.floor:
+        elif header.seq >= run.floor:
             self.repeated += 1
-            return Arrival.REPEATED
+            return MessageOrder.REPEATED
         self.late += 1
-        return Arrival.LATE
+        return MessageOrder.LATE

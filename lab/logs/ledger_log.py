@@ -10,8 +10,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from common.errors import SchemaError
-from common.journal.journal import Take
 from common.journal.ledger import STAGES, Ledger, LedgerRow, LinkRow
+from common.journal.tables import InputOutcome
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE
 from common.wire.codec import decode
@@ -22,7 +22,7 @@ from services.logger.read.reader import LogReader, RecordedMessage
 _SCHEMAS: dict[str, Any] = {
     JOURNAL.name: StepJournal, HEALTH.name: ServiceHealth, LINK_CHANGE.name: LinkChange,
 }  # fmt: skip
-_UNUSED = (Take.STALE, Take.LATE, Take.REFUSED, Take.LOST)
+_UNUSED = (InputOutcome.STALE, InputOutcome.LATE, InputOutcome.REFUSED, InputOutcome.LOST)
 
 
 @dataclass(frozen=True)

@@ -138,8 +138,8 @@ class Checker:
                 recorded(self._path),
                 tolerance=options.tolerance,
                 window_ns=(first, last),
-                progress=on_progress,
-                listener=None if options.out is None else self._keep,
+                on_progress=on_progress,
+                on_message=None if options.out is None else self._keep,
             )
             return runner.run()
 

@@ -46,7 +46,7 @@ def report_lines(report: Report, *, verbose: bool = False) -> list[str]:
     """Return a replay's report for a person, line by line."""
     speed = report.replayed / report.wall if report.wall else 0.0
     lines = [
-        f"{report.service}, run {report.life}: {report.steps} steps, {report.replayed:.1f} s of "
+        f"{report.service}, run {report.run}: {report.steps} steps, {report.replayed:.1f} s of "
         f"recording in {report.wall:.1f} s ({speed:.1f} x real time), {report.inputs} messages fed"
     ]
     for topic, output in sorted(report.outputs.items()):

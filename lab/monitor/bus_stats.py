@@ -259,7 +259,7 @@ class BusStats:
         beat = stats.decoded(HEARTBEAT)
         if beat is None:
             return ServiceRow(health, age)
-        return ServiceRow(health, age, stats.age(now_ns), beat.promise)
+        return ServiceRow(health, age, stats.age(now_ns), beat.timeout)
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Return the last message of a topic with one source; None before the first."""

@@ -209,13 +209,13 @@ def _links(rows: Sequence[InputRow]) -> Table:
 def _peers(rows: Sequence[PeerRow]) -> Table:
     return _table(
         ["peer", "seen by", "state"],
-        ["deaths", "its clock is behind by"],
+        ["losses", "its clock is behind by"],
         [
             (
                 row.peer.source,
                 row.seen_by,
                 _silent(row.peer.silent) if row.dead else _alive(),
-                _count(row.peer.deaths),
+                _count(row.peer.losses),
                 f"{1e3 * row.peer.clock_offset:.3f} ± {1e3 * row.peer.clock_error:.3f} ms"
                 if row.peer.clock_error >= 0.0
                 else Text("unknown", style=ODD),

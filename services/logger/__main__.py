@@ -109,7 +109,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Record; return 0 after a signal, 1 after an error, 2 for a wrong configuration."""
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(name)s: %(message)s")
     arguments = parser().parse_args(argv)
-    stop = StopSignals().heed()
+    stop = StopSignals().install()
     try:
         bus, _, runtime, table = load_settings(arguments, NAME)
         config = settings_of(arguments, table)
@@ -123,7 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             live=sys.stderr.isatty(),
             realtime=enter_realtime(runtime.rt_priority),
         )
-        delivered = record(options, lambda: stop.asked)
+        delivered = record(options, lambda: stop.requested)
     except TrillError as error:
         return report("logger", error)
     print(format_report(delivered))

@@ -4,11 +4,12 @@ import fcntl
 import os
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from common.errors import ConfigError
-from common.files import alone, append_line, write_whole
+from common.files import append_line, exclusive_lock, write_whole
 from tests.disk import fill
 
 
@@ -33,6 +34,48 @@ def test_a_torn_last_line_is_taken_away(tmp_path: Path) -> None:
     assert path.read_text() == "one\nthree\n"
 
 
+@pytest.mark.parametrize("size", [0, 1, 4095, 4096, 4097, 3 * 4096])
+@pytest.mark.parametrize("before", ["", "one\n"])
+def test_a_torn_line_of_any_length_is_taken_away(tmp_path: Path, before: str, size: int) -> None:
+    path = tmp_path / "lines"
+    path.write_text(before + "x" * size)
+    append_line(path, "last")
+    assert path.read_text() == before + "last\n"
+
+
+def test_a_line_costs_the_same_however_long_the_file_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "lines"
+    path.write_bytes(b"x" * 99 + b"\n")
+    os.truncate(path, 8 * 2**30)  # holes cost no disk
+    with path.open("ab") as file:
+        file.write(b"\n")
+    real, read = Path.open, list[int]()
+
+    class Counted:
+        def __init__(self, file: Any) -> None:
+            self._file = file
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._file, name)
+
+        def __enter__(self) -> "Counted":
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            self._file.close()
+
+        def read(self, size: int = -1) -> bytes:
+            data: bytes = self._file.read(size)
+            read.append(len(data))
+            return data
+
+    monkeypatch.setattr(Path, "open", lambda path, mode: Counted(real(path, mode)))
+    append_line(path, "last")
+    assert sum(read) <= 4096
+
+
 def test_a_line_that_another_one_is_writing_is_not_torn(tmp_path: Path) -> None:
     path = tmp_path / "lines"
     append_line(path, "one")
@@ -52,12 +95,12 @@ def test_a_line_that_another_one_is_writing_is_not_torn(tmp_path: Path) -> None:
 def test_one_at_a_time(tmp_path: Path) -> None:
     lock = tmp_path / ".lock"
     with (
-        alone(lock, ConfigError),
+        exclusive_lock(lock, ConfigError),
         pytest.raises(ConfigError, match="written by another process"),
-        alone(lock, ConfigError),
+        exclusive_lock(lock, ConfigError),
     ):
         pass
-    with alone(lock, ConfigError):
+    with exclusive_lock(lock, ConfigError):
         assert os.path.exists(lock)
 
 
@@ -68,5 +111,8 @@ def test_a_file_system_without_locks_is_not_another_process(
         raise OSError(37, "No locks available")
 
     monkeypatch.setattr("common.files.fcntl.flock", none)
-    with pytest.raises(OSError, match="No locks available"), alone(tmp_path / "lock", ConfigError):
+    with (
+        pytest.raises(OSError, match="No locks available"),
+        exclusive_lock(tmp_path / "lock", ConfigError),
+    ):
         pass

@@ -1,8 +1,8 @@
-"""Makes the golden log: ``python -m tests.golden.make [file]``.
+"""Make the golden log: ``python -m tests.golden.make [file]``.
 
 Plant and controller in simulated time: the robot stands up, moves its hands and begins a fast step
 forward, under 10 ms of loop delay and state noise. The log holds what the controller read and
-wrote, and its journal. It is made anew only when the controller is meant to act otherwise.
+wrote, and its journal. See README.md for when it is made anew.
 """
 
 import sys

@@ -146,7 +146,7 @@ class Reader(Service):
             self._times.append(now_ns)
         if isinstance(inputs, Inbox):
             for topic in TOPICS:
-                status = inputs.status(topic)
+                status = inputs.health_of(topic)
                 self._status[topic.name] = {
                     "stale": status.stale, "skipped": status.skipped, "gaps": status.gaps,
                 }  # fmt: skip

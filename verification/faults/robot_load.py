@@ -184,7 +184,7 @@ class Load:
         heapq.heapify(due)
         flush_at = start
         with journal.open("wb") as stream:
-            while not self._stop.asked and due[0][0] < start + seconds:
+            while not self._stop.requested and due[0][0] < start + seconds:
                 at, place = due[0]
                 now = time.monotonic()
                 if now < at:
@@ -234,7 +234,7 @@ def main(argv: list[str] | None = None) -> int:
     # As the robot's services, so that what is lost is the recorder's doing.
     enter_realtime(DEFAULT_PRIORITY)
     bus = BusConfig(base_port=arguments.base_port)
-    load = Load(bus, arguments.pictures, StopSignals().heed())
+    load = Load(bus, arguments.pictures, StopSignals().install())
     try:
         load.run(arguments.journal, arguments.seconds)
     finally:

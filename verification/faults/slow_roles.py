@@ -32,14 +32,14 @@ def publish(config: BusConfig) -> None:
 
     Each row: topic's number in the table, start [ns, monotonic], duration [ns].
     """
-    stop = StopSignals().heed()
+    stop = StopSignals().install()
     scheduling = enter_realtime(DEFAULT_PRIORITY)
     session: Any = open_session(config, "sim")
     boot, rows, what = new_boot_id(), [], make_messages("jpeg")
     publishers = {topic.name: Publisher(session, ROBOT, topic, "sim", boot) for topic, _ in _EVERY}
     print(READY, flush=True)
     due, tick = time.monotonic(), 0
-    while not stop.asked:
+    while not stop.requested:
         for number, (topic, every) in enumerate(_EVERY):
             if tick % every == 0:
                 started = time.monotonic_ns()
@@ -54,12 +54,12 @@ def publish(config: BusConfig) -> None:
 
 def read(config: BusConfig, nap_s: float) -> None:
     """Read everything until a signal, after each message asleep for a while; print the counts."""
-    stop = StopSignals().heed()
+    stop = StopSignals().install()
     session: Any = open_session(config, "reader")
     if nap_s > 0.0:
         subscriber = session.declare_subscriber(f"{ROBOT}/**", lambda _: time.sleep(nap_s))
         print(READY, flush=True)
-        while not stop.asked:
+        while not stop.requested:
             time.sleep(0.05)
         subscriber.undeclare()
         session.close()
@@ -67,7 +67,7 @@ def read(config: BusConfig, nap_s: float) -> None:
     tap = RawTap(session, ROBOT)
     print(READY, flush=True)
     arrivals: list[int] = []
-    while not stop.asked:
+    while not stop.requested:
         arrivals += [s.arrival_ns for s in tap.drain() if s.key.endswith(PLANT_STATE.name)]
         time.sleep(0.02)
     session.close()

@@ -12,7 +12,8 @@ import numpy as np
 from common.errors import SchemaError, TrillError
 from common.inbox.buffer import InboxContext
 from common.inbox.inbox import Inbox
-from common.journal.journal import Journal, read_tables
+from common.journal.journal import Journal
+from common.journal.tables import read_tables
 from common.schemas import Message, StepJournal
 from common.topics import Delivery, Topic
 from common.wire.codec import encode, schema_tag
@@ -47,7 +48,7 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> Account:
     """Feed ``count`` payloads to a reader of ``topic``; the same seed, the same payloads."""
     rng = random.Random(f"{topic.name} {seed}")
     account = Account(topic.name)
-    inbox = Inbox([topic], tools=InboxContext(journal=Journal("fuzz")))
+    inbox = Inbox([topic], context=InboxContext(journal=Journal("fuzz")))
     schema: type[Message] = topic.schema
     own = schema_tag(schema)
     good = [random_message(schema, rng, 0) for _ in range(_EXAMPLES)]
@@ -57,7 +58,7 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> Account:
         header = message.header.model_copy(update={"seq": number})
         payload = DAMAGES[name](encode(message, header), rng)
         tag = rng.choice(["", "trill/X/1;0", own]) if rng.random() < _TAGGED else None
-        before = inbox.status(topic)
+        before = inbox.health_of(topic)
         started = time.perf_counter()
         try:
             inbox.offer(topic.name, payload, number + 1, tag)
@@ -73,11 +74,11 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> Account:
 
 def _note(account: Account, name: str, inbox: Inbox, topic: Topic[Any], before: Any) -> None:
     """Count what became of the last payload, and look at what a service would now see."""
-    after = inbox.status(topic)
+    after = inbox.health_of(topic)
     account.refused += after.refused - before.refused
     account.by_damage[name] += after.refused - before.refused
     events = inbox.events(topic)
-    shown = bool(events) if topic.delivery is Delivery.EVENT else after.updated
+    shown = bool(events) if topic.delivery is Delivery.EVENT else inbox.updated(topic)
     account.applied += shown
     # An event that comes late is shown and counted as late, for it matters all the same.
     if not shown:

@@ -1,10 +1,10 @@
-"""Finds out how far the clocks of the services one hears are from one's own.
+"""Estimate the offsets between this service's clock and those of its inputs' senders.
 
-Every live service answers queries on ``<robot>/clock/<service>`` with the times at which it
-received and answered them, its life's id and which clock it goes by. Every live service asks
-those whose messages it takes in: at once when the first comes, a few times in short order, then
-once a second as long as messages come. Processes that go by the same clock (same kernel, same
-time namespace) have an offset of exactly 0 and are not asked again. Wall clocks play no part.
+Every live service answers queries on :data:`common.queries.CLOCK` with the times at which it
+received and answered them, its boot id and the identity of its clock. Every live service asks the
+senders of its inputs: at once when their first message comes, a few times in short order, then
+once a second as long as messages come. Processes with the same clock (same kernel, same time
+namespace) have an offset of exactly 0 and are not asked again. Wall clocks play no part.
 """
 
 import contextlib
@@ -21,7 +21,8 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from common.journal.journal import UNKNOWN
+from common import queries
+from common.journal.tables import UNKNOWN
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.runtime.live.offset_estimator import Exchange, Offset, OffsetEstimator
 from common.schemas import Header
@@ -34,16 +35,16 @@ _MAGIC = b"clk1"
 _FIRST_PINGS = 4
 _FIRST_PERIOD_NS = 100_000_000
 _PERIOD_NS = 1_000_000_000
-_LOOK_PERIOD_NS = 250_000_000
+_STALE_CHECK_PERIOD_NS = 250_000_000
 _TIMEOUT_S = 5.0
 _MAX_PEERS = 64
 
 
 def clock_identity() -> bytes:
-    """Name the monotonic clock of this process: equal in processes that share it (16 bytes).
+    """Return 16 bytes that identify the monotonic clock of this process; the same if it is shared.
 
-    A kernel's boot id and the time namespace. Where there is no such thing, no two processes are
-    taken to share a clock.
+    They are made of the kernel's boot id and the time namespace. Without a boot id no two
+    processes are taken to share a clock.
     """
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_bytes()
@@ -57,7 +58,7 @@ def clock_identity() -> bytes:
 
 
 class Answer(NamedTuple):
-    """What the other side says; times of its clock [ns]."""
+    """Answer to a clock query; times of the answering clock [ns]."""
 
     clock: bytes
     boot: int
@@ -66,12 +67,12 @@ class Answer(NamedTuple):
 
 
 def pack_answer(answer: Answer) -> bytes:
-    """Return the bytes of an answer."""
+    """Encode an answer."""
     return _ANSWER.pack(_MAGIC, *answer)
 
 
 def unpack_answer(payload: bytes) -> Answer | None:
-    """Read an answer; None if it is none."""
+    """Decode an answer; None if the bytes are none."""
     if len(payload) != _ANSWER.size:
         return None
     magic, *fields = _ANSWER.unpack(payload)
@@ -79,21 +80,22 @@ def unpack_answer(payload: bytes) -> Answer | None:
 
 
 class _Peer:
-    """One life of one source."""
+    """One run of one source."""
 
     def __init__(self, source: str, now_ns: int) -> None:
         self.source = source
         self.offset = UNKNOWN
-        self.heard = True
+        self.active = True
+        """Whether a message came since the last ping."""
         self.same_clock = False
         self.pings = 0
         self.next_ping = now_ns
         self.estimator = OffsetEstimator()
 
-    def pinged(self, now_ns: int) -> None:
-        """Plan the next ping; none while nothing is heard."""
+    def schedule_ping(self, now_ns: int) -> None:
+        """Schedule the ping after the one sent now; it is sent only if messages come."""
         self.pings += 1
-        self.heard = False
+        self.active = False
         period = _FIRST_PERIOD_NS if self.pings < _FIRST_PINGS else _PERIOD_NS
         self.next_ping = now_ns + period
 
@@ -102,12 +104,17 @@ class _Peer:
 
 
 class ClockSync(Component):
-    """Answers the pings of others and pings those who are heard."""
+    """Answers pings, and pings the senders of the service's inputs."""
 
     def __init__(
         self, clock: Callable[[], int] = time.monotonic_ns, identity: bytes | None = None
     ) -> None:
-        """Stamp by ``clock`` [ns], called ``identity``; None: the system's monotonic clock."""
+        """Prepare.
+
+        Args:
+            clock: the clock that stamps messages here [ns].
+            identity: of that clock; None: the system's monotonic clock.
+        """
         self._clock = clock
         self._identity = identity or clock_identity()
         self._peers: dict[tuple[str, int], _Peer] = {}
@@ -115,75 +122,76 @@ class ClockSync(Component):
         self._answers: deque[tuple[str, int, int, bytes]] = deque(maxlen=4 * _MAX_PEERS)
         self._queriers: dict[str, Any] = {}
         self._context: RunnerContext | None = None
-        self._next_look = 0
+        self._next_stale_check = 0
         self._stale = 0
 
     @property
     def sources(self) -> tuple[str, ...]:
-        """Everybody whose messages were taken in so far."""
+        """Senders of the messages received so far."""
         return tuple(self._newest)
 
     def offset_of(self, header: Header) -> int:
-        """This clock minus that of a message's sender [ns]; UNKNOWN if not known (yet)."""
+        """Return this clock minus that of a message's sender [ns]; UNKNOWN if not known (yet)."""
         peer = self._peers.get((header.source, header.boot))
         if peer is None:
-            return self._meet(header.source, header.boot)
-        peer.heard = True
+            self._add_peer(header.source, header.boot)
+            return UNKNOWN
+        peer.active = True
         return peer.offset
 
     def known(self, source: str) -> Offset | None:
-        """The estimate for a source's newest life [ns]."""
+        """Return the estimate for the newest run of a source [ns]; None if there is none."""
         peer = self._newest.get(source)
         return None if peer is None else peer.estimate(self._clock())
 
     def open(self, context: RunnerContext) -> None:
-        """Begin to answer."""
+        """Start answering."""
         self._context = context
         clock, identity, boot = self._clock, self._identity, context.boot
 
         def answer(query: Any) -> None:
             received = clock()
             payload = pack_answer(Answer(identity, boot, received, clock()))
-            with contextlib.suppress(zenoh.ZError):  # who asked has left, or we are leaving
+            with contextlib.suppress(zenoh.ZError):  # the asking or this session is closing
                 query.reply(query.key_expr, payload, express=True)
 
-        key = f"{context.robot}/clock/{context.service}"
+        key = queries.CLOCK.key(context.robot, context.service)
         self._queryable = context.session.declare_queryable(key, answer)
 
     def poll(self, now_ns: int) -> None:
-        """Take in what was answered and ask whom it is time to ask."""
+        """Process the answers that came and send the pings that are due."""
         while self._answers:
-            self._take(*self._answers.popleft())
-        if now_ns >= self._next_look:
-            self._next_look = now_ns + _LOOK_PERIOD_NS
-            self._doubt(now_ns)
+            self._process(*self._answers.popleft())
+        if now_ns >= self._next_stale_check:
+            self._next_stale_check = now_ns + _STALE_CHECK_PERIOD_NS
+            self._check_stale(now_ns)
         if now_ns >= self.due_ns:
             for peer in self._peers.values():
-                if now_ns >= peer.next_ping and not peer.same_clock and peer.heard:
-                    peer.pinged(now_ns)
+                if now_ns >= peer.next_ping and not peer.same_clock and peer.active:
+                    peer.schedule_ping(now_ns)
                     self._ping(peer.source)
-            self._plan(now_ns)
+            self._schedule(now_ns)
 
-    def _meet(self, source: str, boot: int) -> int:
-        """Somebody new: ask after this step."""
-        if source:
-            if len(self._peers) >= _MAX_PEERS:
-                # Names made up by the dozen must not push out those whose clocks are known.
-                unknown = (key for key, peer in self._peers.items() if peer.offset == UNKNOWN)
-                del self._peers[next(unknown, next(iter(self._peers)))]
-            if len(self._newest) >= _MAX_PEERS:
-                del self._newest[next(iter(self._newest))]
-            self._peers[source, boot] = self._newest[source] = _Peer(source, 0)
-            self.due_ns = 0
-        return UNKNOWN
+    def _add_peer(self, source: str, boot: int) -> None:
+        """Add a new sender and have it pinged after this step."""
+        if not source:
+            return
+        if len(self._peers) >= _MAX_PEERS:
+            # Dozens of made-up names must not push out peers whose clocks are known.
+            unknown = (key for key, peer in self._peers.items() if peer.offset == UNKNOWN)
+            del self._peers[next(unknown, next(iter(self._peers)))]
+        if len(self._newest) >= _MAX_PEERS:
+            del self._newest[next(iter(self._newest))]
+        self._peers[source, boot] = self._newest[source] = _Peer(source, 0)
+        self.due_ns = 0
 
-    def _plan(self, now_ns: int) -> None:
+    def _schedule(self, now_ns: int) -> None:
         due = (peer.next_ping for peer in self._peers.values() if not peer.same_clock)
-        # A silent peer is only asked once it is heard again; looking ten times a second will do.
+        # A silent peer is pinged once a message comes again; ten checks a second will do for that.
         self.due_ns = min((max(at, now_ns + _FIRST_PERIOD_NS) for at in due), default=NEVER)
 
-    def _doubt(self, now_ns: int) -> None:
-        """What arrives too old may be the work of a clock that was set: ask at once."""
+    def _check_stale(self, now_ns: int) -> None:
+        """Ping at once if messages arrive too old: a clock may have been set."""
         stale = self._context.inbox.stale if self._context is not None else 0
         if stale > self._stale:
             for peer in self._peers.values():
@@ -192,18 +200,18 @@ class ClockSync(Component):
         self._stale = stale
 
     def _ping(self, source: str) -> None:
-        """Ask; the answer is noted by the transport's thread and taken in by ours."""
+        """Send a ping; the transport's thread queues the answer for the service's thread."""
         context = self._context
         if context is None:
             return
-        note, clock = self._answers.append, self._clock
+        queue_answer, clock = self._answers.append, self._clock
         querier = self._queriers.get(source)
         try:
             if querier is None:
                 if len(self._queriers) >= _MAX_PEERS:
                     self._queriers.pop(next(iter(self._queriers))).undeclare()
                 querier = self._queriers[source] = context.session.declare_querier(
-                    f"{context.robot}/clock/{source}",
+                    queries.CLOCK.key(context.robot, source),
                     timeout=_TIMEOUT_S,
                     consolidation=zenoh.ConsolidationMode.NONE,
                     priority=zenoh.Priority.REAL_TIME,
@@ -212,17 +220,17 @@ class ClockSync(Component):
                 )
             asked = clock()
 
-            def heard(reply: Any) -> None:
+            def receive(reply: Any) -> None:
                 arrival = clock()
                 if reply.ok is not None:
-                    note((source, asked, arrival, reply.ok.payload.to_bytes()))
+                    queue_answer((source, asked, arrival, reply.ok.payload.to_bytes()))
 
             # Directly in the transport's thread: a thread for each answer would cost more.
-            querier.get(zenoh.handlers.Callback(heard, indirect=False))
+            querier.get(zenoh.handlers.Callback(receive, indirect=False))
         except zenoh.ZError as error:
             _log.debug("cannot ask %s for its clock: %s", source, error)
 
-    def _take(self, source: str, asked: int, heard: int, payload: bytes) -> None:
+    def _process(self, source: str, asked: int, returned: int, payload: bytes) -> None:
         answer = unpack_answer(payload)
         peer = None if answer is None else self._peers.get((source, answer.boot))
         if answer is None or peer is None:
@@ -231,16 +239,16 @@ class ClockSync(Component):
             peer.same_clock, peer.offset = True, 0
             return
         steps = peer.estimator.steps
-        peer.estimator.add(Exchange(asked, answer.received, answer.answered, heard))
-        estimate = peer.estimator.estimate(heard)
+        peer.estimator.add(Exchange(asked, answer.received, answer.answered, returned))
+        estimate = peer.estimator.estimate(returned)
         if estimate is None:
             return
         if peer.offset == UNKNOWN:
-            _log.info("the clock of %s is behind this one's by %s", source, _words(estimate))
+            _log.info("the clock of %s is behind this one's by %s", source, _format(estimate))
         elif peer.estimator.steps > steps:
-            _log.warning("the clock of %s was set: now behind by %s", source, _words(estimate))
+            _log.warning("the clock of %s was set: now behind by %s", source, _format(estimate))
         peer.offset = estimate.offset
 
 
-def _words(estimate: Offset) -> str:
+def _format(estimate: Offset) -> str:
     return f"{1e-6 * estimate.offset:.3f} ± {1e-6 * estimate.error:.3f} ms"

@@ -1,4 +1,4 @@
-"""What a live runner does beside stepping its service, one object per concern."""
+"""Run the concerns of a live runner besides stepping its service, one component for each."""
 
 import logging
 from collections.abc import Callable, Iterable
@@ -11,24 +11,24 @@ from common.topics import Topic
 
 NEVER = 2**63
 """A time out of reach [ns]."""
-_REST_NS = 1_000_000_000
-"""How long an component that failed is left alone."""
+_DISABLED_NS = 1_000_000_000
+"""How long a component that raised is not polled."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class RunnerContext:
-    """Where an component works.
+    """What a component has to work with.
 
     Attributes:
         session: the open Zenoh session.
         robot: first part of every key.
         service: name of the service.
-        boot: random id of this life of it.
-        inbox: its inputs; of the service's thread.
-        send: publishes a message of the component's own topics; of the service's thread.
-        wanted: whether anybody subscribes to one of them just now.
+        boot: random id of this run of it.
+        inbox: its inputs; for the service's thread.
+        send: publishes a message of the component's own topics; for the service's thread.
+        wanted: whether there is a subscriber to one of them just now.
     """
 
     session: Any
@@ -45,52 +45,61 @@ class Component:
 
     Attributes:
         writes: topics it publishes.
-        due_ns: when it next wants to be tended even if no step is due [ns, monotonic].
+        due_ns: when it next needs to be polled even if no step is due [ns, monotonic].
     """
 
     writes: tuple[Topic[Any], ...] = ()
     due_ns: int = NEVER
 
     def open(self, context: RunnerContext) -> None:
-        """The bus is open and the first step is about to come."""
+        """Start; the bus is open and the first step is about to come."""
 
     def poll(self, now_ns: int) -> None:
         """Do what is due, quickly; called between steps."""
 
     def report(self) -> dict[str, Any]:
-        """Fields for the service's health message."""
+        """Return fields for the service's health message."""
         return {}
 
     def close(self) -> None:
-        """The last step is over; the session is closed next."""
+        """Stop; the last step is over and the session is closed next."""
 
 
 class ComponentSet:
-    """A service's components; none of them ends its control loop."""
+    """A service's components; one that raises is disabled for a second and never stops the loop.
+
+    Attributes:
+        all: the components, in the order in which they are polled.
+    """
 
     def __init__(self, components: Iterable[Component]) -> None:
-        """Take them on, to be tended in this order."""
         self.all = tuple(components)
-        self._rests: dict[Component, int] = {}
+        self._disabled_until: dict[Component, int] = {}
+
+    @property
+    def writes(self) -> tuple[Topic[Any], ...]:
+        """Topics that they publish."""
+        return tuple(topic for component in self.all for topic in component.writes)
 
     @property
     def due_ns(self) -> int:
-        """When the first of them wants to be tended."""
-        if self._rests:
+        """When the first of them needs to be polled [ns]."""
+        if self._disabled_until:
             return min(
-                max(component.due_ns, self._rests.get(component, 0)) for component in self.all
+                max(component.due_ns, self._disabled_until.get(component, 0))
+                for component in self.all
             )
         return min(component.due_ns for component in self.all)
 
     def poll(self, now_ns: int, *, only_due: bool = False) -> None:
-        """Tend all, or those whose time has come; one that fails is logged and rests a second."""
+        """Poll all components, or those that are due; one that raises is logged and disabled."""
         for component in self.all:
             if only_due and now_ns < component.due_ns:
                 continue
-            if self._rests and now_ns < self._rests.get(component, 0):
+            if self._disabled_until and now_ns < self._disabled_until.get(component, 0):
                 continue
             try:
                 component.poll(now_ns)
-            except Exception:  # noqa: BLE001 - the robot is not to fall for a diagnosis
+            except Exception:  # noqa: BLE001 - the robot must not fall because of a diagnosis
                 _log.exception("%s failed; the service goes on", type(component).__name__)
-                self._rests[component] = now_ns + _REST_NS
+                self._disabled_until[component] = now_ns + _DISABLED_NS

@@ -1,4 +1,4 @@
-"""How a live service is run."""
+"""Configure how a live service is run."""
 
 from typing import Annotated
 
@@ -17,12 +17,12 @@ class RuntimeConfig(BaseModel):
         default=DEFAULT_PRIORITY, ge=0, le=99, description="SCHED_FIFO priority; 0: normal"
     )
     spin_us: int = Field(
-        default=100, ge=0, le=2000, description="last part of a wait that is not slept away"
+        default=100, ge=0, le=2000, description="last part of a wait, spent busy-waiting"
     )
     seed: int = Field(default=0, ge=0, description="of links without their own")
     max_age: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
         default_factory=dict,
-        description="by topic: not applied if older on arrival [s], where the table's is too short",
+        description="by topic: largest age on arrival that is applied [s], instead of the table's",
     )
 
     @field_validator("max_age")

@@ -1,8 +1,8 @@
-"""Says that this service's loop is alive, and notices when that of another is not.
+"""Send a service's heartbeat, and detect that the loop of another service has stopped.
 
-The beat is sent by the loop itself, so that it stops with it: a service that is killed, paused,
-hung in a step or cut off is missed by those who read from it within its promise, 0.1 s as a rule,
-and long before the transport gives a link up. A service whose steps take long promises less
+The heartbeat is sent by the loop itself, so it stops with the loop: readers notice a service that
+is killed, paused, hung in a step or cut off within its heartbeat timeout, 0.1 s as a rule, and long
+before the transport gives a link up. A service with long steps announces a longer timeout
 (:attr:`common.runtime.service.Service.heartbeat_timeout_s`).
 """
 
@@ -27,118 +27,134 @@ _log = logging.getLogger(__name__)
 _MS = 1_000_000
 _PERIOD_NS = round(1e9 / HEARTBEAT.rate)
 _EARLY_NS = 8 * _MS
-"""Silence is judged this much before the promise is over, so that it is told within it."""
+"""Margin: a loss is reported this long before the timeout."""
 _STILL_NS = 20 * _MS
-"""A watcher that was not tended for so long may not have heard what was sent; it listens again
-for as long before it judges."""
+"""A watcher that was not polled for this long may not have received what was sent; it waits as
+long again before it reports a loss."""
 _RETRY_NS = 50 * _MS
-"""Between looks for a dead peer's first beat."""
+"""Between checks for the next heartbeat of a lost peer."""
 _MAX_PEERS = 32
 
 
 class PeerLiveness:
-    """Whether one peer is alive, judged from the times of its beats. Pure."""
+    """Decides whether one peer is alive, from the times of its heartbeats. Pure.
+
+    Attributes:
+        last_ns: when the last heartbeat arrived [ns]; -1 before the first.
+        alive: whether heartbeats arrive.
+        losses: times the peer was lost.
+    """
 
     def __init__(self) -> None:
-        """Nothing was heard yet."""
+        """Start before the first heartbeat."""
         self.last_ns = -1
         self.alive = False
-        self.deaths = 0
-        self._promise_ns = NEVER
-        self._doubted_ns: int | None = None
+        self.losses = 0
+        self._timeout_ns = NEVER
+        self._confirming_since_ns: int | None = None
 
     @property
     def deadline_ns(self) -> int:
-        """When silence will mean death [ns]."""
-        return self.last_ns + self._promise_ns - _EARLY_NS if self.alive else NEVER
+        """When the peer is lost without another heartbeat [ns]."""
+        return self.last_ns + self._timeout_ns - _EARLY_NS if self.alive else NEVER
 
-    def hear(self, arrival_ns: int, promise_ns: int) -> bool:
-        """Note the newest beat; whether it brought the peer (back) to life."""
+    def receive(self, arrival_ns: int, timeout_ns: int) -> bool:
+        """Note the newest heartbeat; returns whether the peer was not alive before it."""
         self.last_ns = arrival_ns
-        self._promise_ns = promise_ns
-        self._doubted_ns = None
-        born = not self.alive
+        self._timeout_ns = timeout_ns
+        self._confirming_since_ns = None
+        appeared = not self.alive
         self.alive = True
-        return born
+        return appeared
 
-    def judge(self, now_ns: int, stood_still: bool) -> bool:
-        """Return whether the peer is found dead at ``now_ns``.
+    def check(self, now_ns: int, stood_still: bool) -> bool:
+        """Return whether the peer is found lost now.
 
-        If the watcher ``stood_still``, beats may be waiting to be heard: silence is confirmed then.
+        Args:
+            now_ns: every heartbeat that arrived until then was received, unless
+            stood_still: the watcher itself did not run; then the silence has to be confirmed.
         """
         if now_ns < self.deadline_ns:
             return False
-        if self._doubted_ns is None and stood_still:
-            self._doubted_ns = now_ns
-        if self._doubted_ns is not None and now_ns < self._doubted_ns + _STILL_NS:
+        if self._confirming_since_ns is None and stood_still:
+            self._confirming_since_ns = now_ns
+        since_ns = self._confirming_since_ns
+        if since_ns is not None and now_ns < since_ns + _STILL_NS:
             return False
         self.alive = False
-        self.deaths += 1
+        self.losses += 1
         return True
 
 
 class _Peer:
-    """A source, its pulse and the newest beat as the transport's thread left it."""
+    """A source, its liveness and its newest heartbeat as the transport's thread left it."""
 
     def __init__(self) -> None:
-        self.pulse = PeerLiveness()
+        self.liveness = PeerLiveness()
         self.subscriber: Any = None
-        self.beat: tuple[int, bytes, Any] | None = None
+        self.newest: tuple[int, bytes, Any] | None = None
+        """Arrival [ns], payload and encoding."""
 
 
 class Heartbeats(Component):
-    """Beats, and listens to the beats of those whose messages the service takes in."""
+    """Sends heartbeats, and watches those of the sources of the service's inputs."""
 
     writes = (HEARTBEAT,)
 
     def __init__(
-        self, clocks: ClockSync, steps: Callable[[], int], period_ns: int, promise_s: float
+        self, clocks: ClockSync, steps: Callable[[], int], period_ns: int, timeout_s: float
     ) -> None:
         """Prepare.
 
         Args:
-            clocks: knows who is heard, and how far their clocks are off.
-            steps: tells how many steps the service has made.
-            period_ns: between its steps; a beat goes out right after a step where that is soon
-                enough, so that none delays the next.
-            promise_s: silence that means death [s].
+            clocks: knows the sources of inputs and the offsets of their clocks.
+            steps: returns how many steps the service has made.
+            period_ns: between its steps; a heartbeat is sent right after a step where that is soon
+                enough, so that none delays the next step.
+            timeout_s: silence after which readers may take the service for lost [s].
         """
         self._clocks = clocks
         self._steps = steps
-        self._promise_s = promise_s
+        self._timeout_s = timeout_s
         self._lead_ns = period_ns if period_ns <= _PERIOD_NS // 2 else 0
         self._peers: dict[str, _Peer] = {}
         self._context: RunnerContext | None = None
-        self._beat_due = self._look_due = 0
-        self._tended_ns = 0
+        self._send_due = self._check_due = 0
+        self._polled_ns = 0
 
     def open(self, context: RunnerContext) -> None:
         """Remember where to send."""
         self._context = context
 
     def poll(self, now_ns: int) -> None:
-        """Beat and look after the others, if it is time."""
-        if now_ns >= self._beat_due - self._lead_ns:
-            self._beat(now_ns)
-        if now_ns >= self._look_due:
-            self._meet()
-            self._look(now_ns, now_ns - self._tended_ns > _STILL_NS)
-        self._tended_ns = now_ns
-        self.due_ns = min(self._beat_due, self._look_due)
+        """Send a heartbeat and check the peers, if it is time."""
+        if now_ns >= self._send_due - self._lead_ns:
+            self._send(now_ns)
+        if now_ns >= self._check_due:
+            self._watch_new_sources()
+            self._check(now_ns, now_ns - self._polled_ns > _STILL_NS)
+        self._polled_ns = now_ns
+        self.due_ns = min(self._send_due, self._check_due)
+
+    def close(self) -> None:
+        """Receive no more heartbeats."""
+        for peer in self._peers.values():
+            if peer.subscriber is not None:
+                peer.subscriber.undeclare()
 
     def report(self) -> dict[str, Any]:
-        """Every source that was heard, as seen from here."""
-        now = self._tended_ns
+        """Return every source of inputs as seen from here."""
+        now = self._polled_ns
         return {"peers": [self._health_of(name, peer, now) for name, peer in self._peers.items()]}
 
-    def _beat(self, now_ns: int) -> None:
-        self._beat_due = max(self._beat_due, now_ns - self._lead_ns) + _PERIOD_NS
+    def _send(self, now_ns: int) -> None:
+        self._send_due = max(self._send_due, now_ns - self._lead_ns) + _PERIOD_NS
         if self._context is not None:
-            beat = Heartbeat(steps=self._steps(), promise=self._promise_s)
-            self._context.send(HEARTBEAT, beat)
+            message = Heartbeat(steps=self._steps(), timeout=self._timeout_s)
+            self._context.send(HEARTBEAT, message)
 
-    def _meet(self) -> None:
-        """Listen to whoever is heard for the first time."""
+    def _watch_new_sources(self) -> None:
+        """Subscribe to the heartbeats of sources that appeared."""
         context = self._context
         for source in self._clocks.sources:
             if source in self._peers or context is None or len(self._peers) >= _MAX_PEERS:
@@ -146,56 +162,56 @@ class Heartbeats(Component):
             peer = self._peers[source] = _Peer()
             key = key_of(context.robot, HEARTBEAT, source)
             try:
-                peer.subscriber = context.session.declare_subscriber(key, _listener(peer))
-            except zenoh.ZError as error:  # whoever names itself so sends no beats either
-                _log.warning("cannot listen to the heartbeat of %r: %s", source, error)
+                peer.subscriber = context.session.declare_subscriber(key, _receiver(peer))
+            except zenoh.ZError as error:  # a source whose name is no key sends no heartbeats
+                _log.warning("cannot subscribe to the heartbeat of %r: %s", source, error)
 
-    def _look(self, now_ns: int, stood_still: bool) -> None:
-        """Take in the newest beats and find the dead."""
+    def _check(self, now_ns: int, stood_still: bool) -> None:
+        """Process the newest heartbeats and find lost peers."""
         due = now_ns + _RETRY_NS
         for source, peer in self._peers.items():
-            beat, pulse = peer.beat, peer.pulse
-            if beat is not None and beat[0] != pulse.last_ns:
-                silent_ns = beat[0] - pulse.last_ns
-                if pulse.hear(beat[0], _promise_ns(beat)) and pulse.deaths:
+            newest, liveness = peer.newest, peer.liveness
+            if newest is not None and newest[0] != liveness.last_ns:
+                silent_ns = newest[0] - liveness.last_ns
+                if liveness.receive(newest[0], _timeout_ns(newest)) and liveness.losses:
                     _log.warning("%s is alive again after %.2f s", source, 1e-9 * silent_ns)
-            if pulse.judge(now_ns, stood_still):
+            if liveness.check(now_ns, stood_still):
                 _log.warning(
                     "no sign of life from %s for %.3f s: stopped, hung or cut off",
                     source,
-                    1e-9 * (now_ns - pulse.last_ns),
+                    1e-9 * (now_ns - liveness.last_ns),
                 )
-            due = min(due, max(pulse.deadline_ns, now_ns + _MS))
-        self._look_due = due
+            due = min(due, max(liveness.deadline_ns, now_ns + _MS))
+        self._check_due = due
 
     def _health_of(self, source: str, peer: _Peer, now_ns: int) -> PeerHealth:
-        pulse = peer.pulse
-        last_ns = pulse.last_ns if peer.beat is None else peer.beat[0]
+        liveness = peer.liveness
+        last_ns = liveness.last_ns if peer.newest is None else peer.newest[0]
         offset = self._clocks.known(source)
         return PeerHealth(
             source=source[:64],
-            alive=pulse.alive,
+            alive=liveness.alive,
             silent=1e-9 * max(0, now_ns - last_ns) if last_ns >= 0 else -1.0,
-            deaths=pulse.deaths,
+            losses=liveness.losses,
             clock_offset=1e-9 * offset.offset if offset is not None else 0.0,
             clock_error=1e-9 * offset.error if offset is not None else -1.0,
         )
 
 
-def _listener(peer: _Peer) -> Callable[[Any], None]:
-    """Return a callback that keeps the newest beat and does nothing else."""
+def _receiver(peer: _Peer) -> Callable[[Any], None]:
+    """Return a callback that keeps the newest heartbeat and does nothing else."""
     clock = time.monotonic_ns
 
-    def listen(sample: Any) -> None:
-        peer.beat = (clock(), sample.payload.to_bytes(), sample.encoding)
+    def receive(sample: Any) -> None:
+        peer.newest = (clock(), sample.payload.to_bytes(), sample.encoding)
 
-    return listen
+    return receive
 
 
-def _promise_ns(beat: tuple[int, bytes, Any]) -> int:
-    """What a beat promises; what cannot be read promises as little as a beat can."""
+def _timeout_ns(newest: tuple[int, bytes, Any]) -> int:
+    """Return the timeout that a heartbeat announces; the longest there is if it is unreadable."""
     try:
-        message = decode(beat[1], Heartbeat, tag_of(beat[2]) or None)
+        message = decode(newest[1], Heartbeat, tag_of(newest[2]) or None)
     except SchemaError:
         return 10_000_000_000
-    return round(1e9 * message.promise)
+    return round(1e9 * message.timeout)

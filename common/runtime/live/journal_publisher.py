@@ -1,4 +1,4 @@
-"""Publishes the journal of a live service."""
+"""Publish the journal of a live service."""
 
 from collections import deque
 
@@ -7,28 +7,29 @@ from common.runtime.live.components import Component, RunnerContext
 from common.schemas import StepJournal
 from common.topics import JOURNAL
 
-_KEPT = 240
-"""Messages kept that nobody has heard: a minute. More would make collecting garbage slower."""
-_KEPT_BYTES = 16_000_000
-"""Likewise."""
-_AT_ONCE_BYTES = 200_000
-_AT_ONCE = 8
-"""Messages of a backlog sent between two steps, unless these bytes are reached before."""
+_MAX_WAITING = 240
+"""Messages kept while there is no subscriber: a minute. More would slow down collecting garbage."""
+_MAX_WAITING_BYTES = 16_000_000
+"""The same in bytes."""
+_BATCH = 8
+"""Messages of a backlog sent between two steps."""
+_BATCH_BYTES = 200_000
+"""The same in bytes; reached first, it ends the batch."""
 
 
 class JournalPublisher(Component):
-    """Sends what a service took in, a few times a second, as long as somebody listens.
+    """Sends the journal a few times a second while there is a subscriber.
 
-    Until then it is kept, so that a logger which connects a little later has a service's life
-    from its first step; too much is given up from the oldest. It is kept and later sent in the
-    small messages it would have been sent in: minutes in one piece would stop the loop for tenths
-    of a second.
+    Until there is one, messages are kept, so that a logger that connects a little later gets a
+    service's run from its first step; of too many the oldest are dropped. The backlog is sent in
+    the small messages it was collected in: minutes in one piece would stop the loop for tenths of
+    a second.
     """
 
     writes = (JOURNAL,)
 
     def __init__(self, journal: Journal) -> None:
-        """Serve ``journal``."""
+        """Publish ``journal``."""
         self._journal = journal
         self._context: RunnerContext | None = None
         self._due = 0
@@ -40,12 +41,12 @@ class JournalPublisher(Component):
         self._context = context
 
     def poll(self, now_ns: int) -> None:
-        """Send what there is, if it is time."""
+        """Collect and send, if it is time."""
         if now_ns >= self._due:
             self._due = now_ns + PERIOD_NS
             self._collect()
             if self._context is not None and self._context.wanted(JOURNAL):
-                self._send(self._context, _AT_ONCE, _AT_ONCE_BYTES)
+                self._send(self._context, _BATCH, _BATCH_BYTES)
 
     def close(self) -> None:
         """Send the rest."""
@@ -54,12 +55,12 @@ class JournalPublisher(Component):
             self._send(self._context, len(self._waiting), self._waiting_bytes)
 
     def _collect(self) -> None:
-        """Put what was taken in since the last time with what waits."""
+        """Append the journal's new rows to the backlog and drop what is too much of it."""
         message = self._journal.fetch()
         if message is not None:
             self._waiting.append(message)
             self._waiting_bytes += _size(message)
-        while len(self._waiting) > _KEPT or self._waiting_bytes > _KEPT_BYTES:
+        while len(self._waiting) > _MAX_WAITING or self._waiting_bytes > _MAX_WAITING_BYTES:
             self._waiting_bytes -= _size(self._waiting.popleft())
 
     def _send(self, context: RunnerContext, count: int, size: int) -> None:
@@ -71,4 +72,4 @@ class JournalPublisher(Component):
 
 
 def _size(message: StepJournal) -> int:
-    return len(message.steps) + len(message.takes) + len(message.payloads)
+    return len(message.steps) + len(message.inputs) + len(message.payloads)

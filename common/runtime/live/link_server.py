@@ -13,9 +13,9 @@ from common.links.control import (
     LinkReply,
     LiveLinks,
     from_wire,
-    links_key,
     to_wire,
 )
+from common.queries import LINKS
 from common.runtime.inbox_links import InboxLinks
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.schemas import LinkChange
@@ -59,7 +59,7 @@ class LinkServer(Component):
     def open(self, context: RunnerContext) -> None:
         """Answer queries from now on, and ask the peers what was set before."""
         self._context = context
-        self._key = links_key(context.robot, self._service)
+        self._key = LINKS.key(context.robot, self._service)
         self._links = InboxLinks(self._service, self._configured, context.inbox)
         self._initial = {change.topic: change for change in self._links.initial()}
         now = time.monotonic_ns()
@@ -163,7 +163,7 @@ class LinkServer(Component):
         """Query every peer for its live links; the answers come into a queue."""
         try:
             self._context.session.get(
-                links_key(self._context.robot, "*"),
+                LINKS.key(self._context.robot, "*"),
                 self._hear,
                 target=zenoh.QueryTarget.ALL,
                 consolidation=zenoh.ConsolidationMode.NONE,

@@ -1,4 +1,4 @@
-"""Loop timing of a running service, summarised for its health message."""
+"""Measure the loop timing of a running service for its health message."""
 
 import os
 import time
@@ -12,10 +12,15 @@ _MAX_KEPT = 4000
 
 
 class LoopStats:
-    """Counts steps and misses and keeps the durations of the last two seconds of steps."""
+    """Counts steps and missed deadlines and keeps the durations of the last two seconds.
+
+    Attributes:
+        steps: counted so far.
+        misses: steps that missed their deadline.
+    """
 
     def __init__(self, service: str, period_ns: int, realtime: str) -> None:
-        """Start counting for ``service``; ``realtime`` is the scheduling in force."""
+        """Start at zero for the loop of ``service``; ``realtime`` is the scheduling in force."""
         self._service = service
         self._period_ns = period_ns
         self._realtime = realtime
@@ -27,13 +32,13 @@ class LoopStats:
         self._cpu = time.process_time()
 
     def count(self, duration_ns: int, missed: bool) -> None:
-        """Account for one step."""
+        """Count one step."""
         self.steps += 1
         self.misses += missed
         self._durations.append(duration_ns)
 
     def health(self, **more: Any) -> ServiceHealth:
-        """Summarise, with ``more`` fields; the share of CPU is since the previous call."""
+        """Return the health message with ``more`` fields; the CPU is since the previous call."""
         wall, cpu = time.monotonic(), time.process_time()
         share = (cpu - self._cpu) / max(wall - self._wall, 1e-3)
         self._wall, self._cpu = wall, cpu
@@ -53,5 +58,5 @@ class LoopStats:
 
 
 def _quantile(ordered: list[int], share: float) -> int:
-    """Return an order statistic; 0 of nothing."""
+    """Return an order statistic; 0 if there is no duration."""
     return ordered[min(len(ordered) - 1, int(share * len(ordered)))] if ordered else 0

@@ -1,4 +1,4 @@
-"""What every ``python -m services.<name>`` shares: arguments, configuration file, the runner.
+"""Run a service from the command line: arguments, configuration file, runner.
 
 A service's ``__main__`` hands :func:`run_live` a function that builds the service from its parsed
 arguments::
@@ -37,7 +37,7 @@ ServiceFactory = Callable[[argparse.Namespace], Service]
 
 
 class OptionFormatter(argparse.ArgumentDefaultsHelpFormatter):
-    """Shows the defaults that say something: not None, nothing or "no"."""
+    """Shows defaults in help texts, except None, empty ones and False."""
 
     def _get_help_string(self, action: argparse.Action) -> str | None:
         default = action.default
@@ -53,14 +53,14 @@ def argument_parser(
     background: bool = False,
     delayable: bool = True,
 ) -> argparse.ArgumentParser:
-    """Return a parser with the options every service understands.
+    """Return a parser with the options that every service has.
 
     Args:
         name: the service's name.
         description: one line for ``--help``.
-        background: the service may be late and so takes no real-time scheduling unless an option
-            says so, whatever file and environment say.
-        delayable: its inputs can be delayed.
+        background: the service may be late, so it uses real-time scheduling only if the option
+            asks for it, whatever file and environment contain.
+        delayable: whether its inputs can be delayed.
     """
     parser = argparse.ArgumentParser(
         prog=f"python -m services.{name}",

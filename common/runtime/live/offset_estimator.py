@@ -1,10 +1,10 @@
-"""How far another process's monotonic clock is from this one's, by exchanging times. Pure.
+"""Estimate the offset between two processes' monotonic clocks from exchanged times. Pure.
 
 One exchange: this side asks at ``asked``, the other receives at ``received`` and answers at
-``answered`` by its own clock, this side hears at ``heard``. With offset = this clock minus the
-other, and since no message arrives before it was sent::
+``answered`` by its own clock, and the answer is back at ``returned``. With offset = this clock
+minus the other, and since no message arrives before it was sent::
 
-    asked - received <= offset <= heard - answered
+    asked - received <= offset <= returned - answered
 
 The interval is as wide as the round trip. Its middle is therefore off by half the round trip at
 most, however unequal the two ways are and whatever the delays' distribution is; nothing is
@@ -23,22 +23,22 @@ WINDOW = 16
 
 
 class Exchange(NamedTuple):
-    """Four times [ns]: ``asked`` and ``heard`` of this clock, the others of the other's."""
+    """Four times [ns]: ``asked`` and ``returned`` of this clock, the others of the other's."""
 
     asked: int
     received: int
     answered: int
-    heard: int
+    returned: int
 
     @property
     def round_trip(self) -> int:
         """Time on the way, both ways together [ns]."""
-        return (self.heard - self.asked) - (self.answered - self.received)
+        return (self.returned - self.asked) - (self.answered - self.received)
 
     @property
     def offset(self) -> int:
         """This clock minus the other [ns], within half a round trip."""
-        return (self.asked - self.received + self.heard - self.answered) // 2
+        return (self.asked - self.received + self.returned - self.answered) // 2
 
 
 class Offset(NamedTuple):
@@ -56,15 +56,20 @@ class OffsetEstimator:
     """
 
     def __init__(self, max_drift: float = MAX_DRIFT, window: int = WINDOW) -> None:
-        """Keep ``window`` exchanges of clocks that drift apart by at most ``max_drift`` [s/s]."""
+        """Start without an exchange.
+
+        Args:
+            max_drift: how fast the clocks may drift apart [s/s].
+            window: exchanges to remember.
+        """
         self.steps = 0
         """Times the other clock (or this one) was found to have been set."""
         self._max_drift = max_drift
         self._exchanges: deque[Exchange] = deque(maxlen=window)
 
     def add(self, exchange: Exchange) -> bool:
-        """Take in an exchange; False if its times contradict each other and it is not used."""
-        if exchange.round_trip < 0 or exchange.heard < exchange.asked:
+        """Add an exchange; False if its times contradict each other and it is not used."""
+        if exchange.round_trip < 0 or exchange.returned < exchange.asked:
             return False
         if any(self._contradict(exchange, known) for known in self._exchanges):
             self.steps += 1
@@ -73,18 +78,18 @@ class OffsetEstimator:
         return True
 
     def estimate(self, now_ns: int) -> Offset | None:
-        """The best estimate at a time of this clock; None before the first exchange."""
+        """Return the best estimate at a time of this clock; None before the first exchange."""
         if not self._exchanges:
             return None
         best = min(self._exchanges, key=lambda exchange: self._error(exchange, now_ns))
         return Offset(best.offset, self._error(best, now_ns))
 
     def _error(self, exchange: Exchange, now_ns: int) -> int:
-        age = abs(now_ns - exchange.heard)
+        age = abs(now_ns - exchange.returned)
         # The middle is rounded down to a whole nanosecond.
         return exchange.round_trip // 2 + 1 + round(self._max_drift * age)
 
     def _contradict(self, new: Exchange, old: Exchange) -> bool:
-        """Whether no one offset fits both."""
+        """Return whether no single offset fits both."""
         apart = abs(new.offset - old.offset)
-        return apart > self._error(new, new.heard) + self._error(old, new.heard)
+        return apart > self._error(new, new.returned) + self._error(old, new.returned)

@@ -1,8 +1,8 @@
-"""When the next step is due, as pure objects fed with times [ns]."""
+"""Decide when the next step is due, from times [ns]. Pure."""
 
 
 class ClockPace:
-    """Steps on a fixed grid; steps that could not be run in time are given up, not caught up."""
+    """Steps on a fixed grid; steps that could not be run in time are skipped."""
 
     def __init__(self, period_ns: int, start_ns: int) -> None:
         """The first step is due at ``start_ns``."""
@@ -10,7 +10,7 @@ class ClockPace:
         self.due_ns = start_ns
 
     def ended(self, now_ns: int) -> bool:
-        """A step ended at ``now_ns``: plan the next; whether it missed its deadline.
+        """Plan the next step after one ended at ``now_ns``; returns whether it missed its deadline.
 
         The deadline is the time at which the next step is due. After a miss the grid's next
         future point is taken, so there is neither a burst nor a shift of phase.
@@ -52,7 +52,7 @@ class TriggerPace:
         """When the step runs even without an arrival."""
 
     def accepts(self, arrival_ns: int) -> bool:
-        """Whether an arrival starts a step; if so, the phase follows it."""
+        """Return whether an arrival starts a step; if so, the phase follows it."""
         error = arrival_ns - self._expected
         if self._locked and error < -self._tolerance:
             return False
@@ -65,10 +65,10 @@ class TriggerPace:
         return True
 
     def timed_out(self, now_ns: int) -> None:
-        """A step is run without an arrival."""
+        """Note that a step is run without an arrival."""
         self._expected = now_ns + self._period
         self.due_ns = now_ns + 3 * self._period // 2
 
     def ended(self, now_ns: int, started_ns: int) -> bool:
-        """A step begun at ``started_ns`` ended; whether it missed its deadline, one period."""
+        """Return whether a step begun at ``started_ns`` missed its deadline of one period."""
         return now_ns - started_ns > self._period

@@ -1,4 +1,4 @@
-"""The publishers of a live service."""
+"""Publish the messages of a live service and its runner."""
 
 import logging
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,11 @@ _log = logging.getLogger(__name__)
 
 
 class PublisherSet:
-    """One publisher for each topic that a service and its runner write."""
+    """One publisher for each topic that a service and its runner write.
+
+    Attributes:
+        boot: random id of this run of the service.
+    """
 
     def __init__(
         self,
@@ -26,7 +30,17 @@ class PublisherSet:
         writes: Iterable[Topic[Any]],
         own: Iterable[Topic[Any]],
     ) -> None:
-        """Declare publishers for the topics ``writes`` of the service and ``own`` of its runner."""
+        """Declare the publishers.
+
+        Args:
+            session: an open Zenoh session.
+            robot: first part of every key.
+            service: name of the service.
+            boot: random id of this run of it.
+            writes: topics of the service.
+            own: topics of its runner.
+        """
+        self.boot = boot
         self._service = service
         self._writes = frozenset(topic.name for topic in writes)
         self._publishers: dict[str, Publisher[Any]] = {
@@ -35,10 +49,14 @@ class PublisherSet:
         }
 
     def publish(self, outputs: Sequence[Output], captured_ns: int) -> None:
-        """Send what a step returned; ``captured_ns``, its start, is for headers that do not say it.
+        """Send the outputs of a step.
+
+        Args:
+            outputs: of the service's own topics.
+            captured_ns: start of the step, for headers without a time of capture.
 
         Raises:
-            TrillError: a topic is none of the service's.
+            TrillError: a topic is not among the service's ``writes``.
             SchemaError: a message does not fit the wire.
         """
         for output in outputs:
@@ -50,7 +68,7 @@ class PublisherSet:
             self._publishers[output.topic.name].send(output.message, captured_ns)
 
     def send(self, topic: Topic[Any], message: Message) -> None:
-        """Send what the runner has to say; what does not fit the wire is logged, not raised."""
+        """Send a message of the runner; one that does not fit the wire is logged, not raised."""
         try:
             self._publishers[topic.name].send(message)
         except SchemaError:
@@ -61,7 +79,7 @@ class PublisherSet:
         return self._publishers[topic.name].wanted
 
     def health(self) -> list[OutputHealth]:
-        """What was sent so far, by topic."""
+        """Return what was sent so far, by topic."""
         return [
             OutputHealth(topic=name, sent=publisher.sent, errors=publisher.errors)
             for name, publisher in self._publishers.items()

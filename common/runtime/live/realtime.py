@@ -1,4 +1,4 @@
-"""Real-time scheduling of this process, where the system permits it."""
+"""Use real-time scheduling for this process, where the system permits it."""
 
 import os
 
@@ -6,13 +6,16 @@ DEFAULT_PRIORITY = 20
 
 
 def enter_realtime(priority: int) -> str:
-    """Request SCHED_FIFO for this thread and every thread it starts from now on.
+    """Ask for SCHED_FIFO for this thread and every thread it starts from now on.
 
-    Call it before the bus is opened, so that the transport's threads inherit it. The priority is 1
-    to 99; 0 requests nothing. Without permission the scheduling stays normal.
+    Call it before the bus is opened, so that the transport's threads inherit it. Without permission
+    scheduling stays normal.
+
+    Args:
+        priority: 1 to 99; 0: leave scheduling as it is.
 
     Returns:
-        what is in force: ``"SCHED_FIFO 20"``, ``"normal"`` or ``"normal (SCHED_FIFO 20 not
+        the scheduling in force: ``"SCHED_FIFO 20"``, ``"normal"`` or ``"normal (SCHED_FIFO 20 not
         permitted)"``.
     """
     if priority <= 0:

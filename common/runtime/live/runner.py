@@ -1,4 +1,4 @@
-"""Runs one service live: one process, the wall's monotonic clock, Zenoh."""
+"""Run one service live: one process, the monotonic clock, Zenoh."""
 
 import gc
 import logging
@@ -23,7 +23,7 @@ from common.runtime.live.publishers import PublisherSet
 from common.runtime.live.stopping import StopSignals
 from common.runtime.service import Service
 from common.schemas import ServiceHealth
-from common.topics import HEALTH, JOURNAL
+from common.topics import HEALTH
 from common.transport.config import BusConfig
 from common.transport.schema_query import SchemaServer
 from common.transport.session import BusError, new_boot_id, open_session
@@ -31,7 +31,7 @@ from common.transport.session import BusError, new_boot_id, open_session
 _log = logging.getLogger(__name__)
 
 _LONGEST_SLEEP_S = 0.1
-"""A signal is noticed within this time."""
+"""A signal is handled within this time."""
 _HEALTH_PERIOD_NS = 500_000_000
 _COLLECT_PERIOD_NS = 1_000_000_000
 
@@ -53,10 +53,14 @@ class LiveRunner:
         runtime: RuntimeConfig | None = None,
         realtime: str = "normal",
     ) -> None:
-        """Prepare to run ``service``; nothing is opened yet.
+        """Prepare; nothing is opened yet.
 
-        ``links`` are the delays to inject on its inputs; ``realtime`` is the scheduling in force,
-        for the health message.
+        Args:
+            service: what to run.
+            bus: how to reach the bus.
+            links: delays to inject on its inputs.
+            runtime: pacing options.
+            realtime: the scheduling in force, for the health message.
         """
         self._service = service
         self._bus = bus
@@ -67,12 +71,16 @@ class LiveRunner:
         self._journal = Journal(service.name, service.settings)
         self._stats = LoopStats(service.name, service.period_ns, realtime)
         clocks = ClockSync()
-        promise_s = service.heartbeat_timeout_s
         self._components = ComponentSet(
             (
                 JournalPublisher(self._journal),
                 clocks,
-                Heartbeats(clocks, lambda: self._stats.steps, service.period_ns, promise_s),
+                Heartbeats(
+                    clocks,
+                    lambda: self._stats.steps,
+                    service.period_ns,
+                    service.heartbeat_timeout_s,
+                ),
                 LinkServer(service.name, self._links),
             )
         )
@@ -82,16 +90,18 @@ class LiveRunner:
             links=self._links,
             seed=self._runtime.seed,
             trigger=service.trigger,
-            tools=InboxContext(clocks.offset_of, time.monotonic_ns, self._journal),
+            context=InboxContext(clocks.offset_of, time.monotonic_ns, self._journal),
             max_age=self._runtime.max_age,
         )
-        self._outlets: PublisherSet
+        self._schemas: SchemaServer | None = None
+        self._publishers: PublisherSet
+        self._subscribers: list[Any] = []
         self._next_health = self._next_collect = 0
         self._settled = False
 
     def stop(self) -> None:
         """End :meth:`run` after the current step, from any thread."""
-        self._stop.asked = True
+        self._stop.requested = True
         self.inbox.wake()
 
     def run(self) -> int:
@@ -102,9 +112,9 @@ class LiveRunner:
             with its traceback).
         """
         if threading.current_thread() is threading.main_thread():
-            self._stop.heed()
+            self._stop.install()
         try:
-            session: Any = open_session(self._bus, self._service.name, lambda: self._stop.asked)
+            session: Any = open_session(self._bus, self._service.name, lambda: self._stop.requested)
         except BusError as error:
             _log.error("%s", error)
             self._service.close()
@@ -128,7 +138,7 @@ class LiveRunner:
             _log.exception("%s failed", self._service.name)
             code = 1
         finally:
-            self._close_components()
+            self._close_topics()
             gc.enable()
             gc.unfreeze()
             try:
@@ -139,7 +149,7 @@ class LiveRunner:
         return code
 
     def _log_delays(self) -> None:
-        """Say what the links were asked for and what they did."""
+        """Log the requested and the achieved delay of each link."""
         for name, stats in self.inbox.delay_stats().items():
             _log.info(
                 "%s: link of %s: mean %.1f ms requested, %.1f ms drawn, %.1f ms achieved; p99 "
@@ -157,28 +167,35 @@ class LiveRunner:
             )
 
     def _open_topics(self, session: Any) -> None:
-        """Declare publishers and subscribers."""
+        """Declare publishers, subscribers and queryables."""
         service, robot, boot = self._service, self._bus.robot, new_boot_id()
-        own = (HEALTH, *(topic for component in self._components.all for topic in component.writes))
-        outlets = PublisherSet(session, robot, service.name, boot, writes=service.writes, own=own)
-        self._outlets = outlets
-        service.wanted = outlets.wanted
+        own = (HEALTH, *self._components.writes)
+        publishers = PublisherSet(
+            session, robot, service.name, boot, writes=service.writes, own=own
+        )
+        self._publishers = publishers
+        service.wanted = publishers.wanted
         self._subscribers = subscribe(session, robot, self.inbox, service.reads)
-        topics = (*service.writes, HEALTH, JOURNAL)
+        topics = (*service.writes, *own)
         self._schemas = SchemaServer(session, robot, service.name, topics)
         context = RunnerContext(
-            session, robot, service.name, boot, self.inbox, outlets.send, outlets.wanted
+            session, robot, service.name, boot, self.inbox, publishers.send, publishers.wanted
         )
         for component in self._components.all:
             component.open(context)
 
-    def _close_components(self) -> None:
-        """Let every component end, whatever another one raises."""
+    def _close_topics(self) -> None:
+        """Close every component, whatever another one raises, and receive no more."""
         for component in self._components.all:
             try:
                 component.close()
             except Exception:  # noqa: BLE001 - the session is closed all the same
                 _log.exception("%s: %s failed", self._service.name, type(component).__name__)
+        if self._schemas is not None:
+            self._schemas.close()
+        # A session that is closed while messages come in reports each of them as an error.
+        for subscriber in self._subscribers:
+            subscriber.undeclare()
 
     def _loop(self) -> None:
         """Step until stopped."""
@@ -207,7 +224,7 @@ class LiveRunner:
 
     def _loop_on_trigger(self, pace: TriggerPace) -> None:
         inbox = self.inbox
-        while not self._stop.asked:
+        while not self._stop.requested:
             now = time.monotonic_ns()
             arrival = inbox.trigger_arrival(now)
             if arrival is None or not pace.accepts(arrival):
@@ -221,7 +238,7 @@ class LiveRunner:
             self._between_steps(ended)
 
     def _wait_for_trigger(self, now_ns: int, wake_at_ns: int) -> None:
-        """Sleep until an arrival, or until one falls due (the last part of that awake)."""
+        """Sleep until an arrival, or until one falls due (busy-waiting for the last part)."""
         inbox = self.inbox
         due_ns = inbox.next_trigger_due_ns
         spin_ns = 1000 * self._runtime.spin_us if due_ns <= wake_at_ns else 0
@@ -229,13 +246,13 @@ class LiveRunner:
         if left > 0:
             inbox.wait(min(1e-9 * left, _LONGEST_SLEEP_S))
         elif spin_ns:
-            time.sleep(0)  # lets the transport's threads have the interpreter
+            time.sleep(0)  # leaves the interpreter to the transport's threads
         self._components.poll(time.monotonic_ns(), only_due=True)
 
     def _sleep_until(self, due_ns: int) -> bool:
-        """Sleep, the last part awake; False if the service is to stop."""
+        """Sleep, busy-waiting for the last part; False if the service is to stop."""
         spin_ns = 1000 * self._runtime.spin_us
-        while not self._stop.asked:
+        while not self._stop.requested:
             now = time.monotonic_ns()
             left = due_ns - now
             if left <= 0:
@@ -245,22 +262,22 @@ class LiveRunner:
                 time.sleep(min(1e-9 * (rest - spin_ns), _LONGEST_SLEEP_S))
                 self._components.poll(time.monotonic_ns(), only_due=True)
             else:
-                time.sleep(0)  # lets the transport's threads have the interpreter
+                time.sleep(0)  # leaves the interpreter to the transport's threads
         return False
 
     def _step(self, now_ns: int) -> None:
         self.inbox.begin_step(now_ns)
-        self._outlets.publish(self._service.step(self.inbox, now_ns), now_ns)
-        self._journal.end(time.monotonic_ns())
+        self._publishers.publish(self._service.step(self.inbox, now_ns), now_ns)
+        self._journal.end_step(time.monotonic_ns())
         if self._service.exit_code is not None:
-            self._stop.asked = True
+            self._stop.requested = True
 
     def _between_steps(self, now_ns: int) -> None:
-        """Tend the components, publish health twice a second and collect garbage once."""
+        """Poll the components, publish health twice a second and collect garbage once."""
         self._components.poll(now_ns)
         if now_ns >= self._next_health:
             self._next_health = max(self._next_health + _HEALTH_PERIOD_NS, now_ns)
-            self._outlets.send(HEALTH, self._health())
+            self._publishers.send(HEALTH, self._health())
         elif now_ns >= self._next_collect:
             self._next_collect = now_ns + _COLLECT_PERIOD_NS
             gc.collect()
@@ -272,5 +289,5 @@ class LiveRunner:
         more: dict[str, Any] = {}
         for component in self._components.all:
             more |= component.report()
-        links, outputs = self.inbox.link_health(), self._outlets.health()
+        links, outputs = self.inbox.link_health(), self._publishers.health()
         return self._stats.health(links=links, outputs=outputs, **more)

@@ -1,17 +1,21 @@
-"""Asked to end: SIGINT and SIGTERM as a flag that a loop looks at."""
+"""Turn SIGINT and SIGTERM into a flag that a loop checks."""
 
 import signal
 from types import FrameType
 
 
 class StopSignals:
-    """Sets ``asked`` on SIGINT and SIGTERM, without interrupting what is being done."""
+    """Notes SIGINT and SIGTERM without interrupting the running code.
+
+    Attributes:
+        requested: whether one of them was received.
+    """
 
     def __init__(self) -> None:
-        self.asked = False
+        self.requested = False
 
-    def heed(self) -> "StopSignals":
-        """Take over both signals; only possible in the main thread.
+    def install(self) -> "StopSignals":
+        """Install the handler of both signals; only possible in the main thread.
 
         Returns:
             itself.
@@ -25,4 +29,4 @@ class StopSignals:
 
     def _note(self, _number: int, _frame: FrameType | None) -> None:
         # Nothing that takes a lock: the interrupted code may hold it.
-        self.asked = True
+        self.requested = True

@@ -1,4 +1,4 @@
-"""Compares a replayed message with the recorded one: to the byte, else field by field."""
+"""Compare a replayed message with the recorded one: to the byte, else field by field."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,7 +8,8 @@ import numpy as np
 from common.errors import SchemaError
 from common.runtime.replay.runs import Recorded
 from common.schemas import Message
-from common.wire.codec import decode, encode_body, with_header
+from common.wire.codec import decode, encode_body, schema_tag, with_header
+from common.wire.compatibility import compatibility
 
 _SHOWN = 60
 
@@ -40,7 +41,9 @@ def stamped(message: Message, header: dict[str, Any]) -> bytes:
 def differences(
     recorded: Recorded, message: Message, header: dict[str, Any]
 ) -> list[FieldDifference]:
-    """Say in which fields a message differs from the recorded one; empty: in no byte.
+    """List the fields in which a message differs from the recorded one; empty: in no byte.
+
+    A message recorded by another version of the schema is compared by the fields both have.
 
     Args:
         recorded: what was sent then.
@@ -54,14 +57,29 @@ def differences(
         then = decode(recorded.payload, schema, recorded.tag or None)
     except SchemaError as error:
         return [FieldDifference("(all)", _short(str(error)), "", np.inf, np.inf)]
+    lacking = {"header", *_lacking(schema, recorded.tag)}
     found = []
     for name, now in header.items():
         found += _field(f"header.{name}", getattr(then.header, name), now)
     for name in schema.model_fields:
-        if name != "header":
+        if name not in lacking:
             found += _field(name, getattr(then, name), getattr(message, name))
+    if found or is_of_other_version(recorded):
+        return found
     # The sign of a zero, for instance.
-    return found or [FieldDifference("(bytes)", "equal numbers", "other bytes", 0.0, 0.0)]
+    return [FieldDifference("(bytes)", "equal numbers", "other bytes", 0.0, 0.0)]
+
+
+def is_of_other_version(recorded: Recorded) -> bool:
+    """Whether a message was sent by a version with another schema, so that bytes do not compare."""
+    schema: type[Message] = recorded.topic.schema
+    return recorded.tag not in {"", schema_tag(schema)}
+
+
+def _lacking(schema: type[Message], tag: str) -> set[str]:
+    """Return the fields that a message of another version lacks, or whose parts it lacks."""
+    missing = compatibility(schema, tag).missing if tag else ()
+    return {path.partition(".")[0] for path in missing}
 
 
 def _field(name: str, then: Any, now: Any) -> list[FieldDifference]:

@@ -1,4 +1,4 @@
-"""What a replay found."""
+"""The result of a replay: what was compared, and the first difference."""
 
 from collections import defaultdict
 from dataclasses import dataclass, field
@@ -8,10 +8,10 @@ from common.runtime.replay.difference import FieldDifference
 
 @dataclass(frozen=True)
 class Difference:
-    """The first way in which a replay is not the recording.
+    """The earliest difference between a replay and the recording.
 
     Attributes:
-        step: number of the step in the service's life.
+        step: number of the step in the service's run.
         now_ns: its time on the service's clock [ns].
         topic: of the message.
         seq: its number.
@@ -29,45 +29,46 @@ class Difference:
 
 @dataclass
 class Tally:
-    """What became of the messages of one topic."""
+    """Counts of the messages of one topic by the result of their comparison."""
 
     equal: int = 0
     """To the byte."""
     close: int = 0
-    """Within the tolerance."""
+    """Within the tolerance; or equal in the fields that both have, if the recorded message is of
+    another version."""
     differing: int = 0
     missing: int = 0
     """Recorded, not replayed."""
     extra: int = 0
     """Replayed, and the recording should have it but has not."""
     unrecorded: int = 0
-    """Replayed, but the recorder has lost it or did not listen yet."""
+    """Replayed, but lost by the recorder or sent before it listened."""
 
     @property
     def compared(self) -> int:
-        """Messages there in both."""
+        """Messages that are in both."""
         return self.equal + self.close + self.differing
 
 
 @dataclass
 class Report:
-    """What a replay found; durations in seconds.
+    """The result of replaying one service run; durations in seconds.
 
     Attributes:
-        service, life, boot: what was replayed.
+        service, run, boot: the service's name, the number of its run and its boot id.
         steps: steps replayed.
         inputs: messages fed.
         outputs: by topic name.
         first: the first difference; None without any.
         worst: largest relative difference of each field that differs, by ``topic field``.
-        stopped: why the replay ended before the life did; empty if it did not.
-        failure: how the service raised, if it did.
-        replayed: duration of what was replayed.
-        wall: how long that took.
+        stopped: why the replay ended before the run did; empty if it did not.
+        failure: the exception that the service raised, if it did.
+        replayed: duration of the steps replayed.
+        wall: how long the replay took.
     """
 
     service: str
-    life: int
+    run: int
     boot: int
     steps: int = 0
     inputs: int = 0
@@ -86,7 +87,7 @@ class Report:
 
     @property
     def compared(self) -> int:
-        """Messages there in both."""
+        """Messages that are in both."""
         return sum(tally.compared for tally in self.outputs.values())
 
     def note(self, found: Difference) -> None:

@@ -1,16 +1,14 @@
-"""Runs services in one process on a virtual clock: deterministic, faster than real time.
+"""Run services in one process on a virtual clock: deterministic, faster than real time.
 
 The clock starts at 0. A service is stepped at ``offset + k * period``, whatever its trigger;
-services due at the same time are stepped in the order of the list. What a service publishes at
-time t has arrived at t (or later, by its link's delay): a service further down the list sees it
-at the same t, one further up at its next step. Every message goes through the same codec and the
-same inbox and delay lines as on the live bus, so what a service is given differs only in time.
-Two runs with the same services, seed and calls are equal byte by byte, provided that no service
-looks at a wall clock or draws unseeded random numbers.
+services due at the same time are stepped in the order of the list. A message published at time t
+has arrived at t (or later, by its link's delay): a service further down the list gets it at the
+same t, one further up at its next step. Every message goes through the same codec and the same
+inbox and delay lines as on the live bus, so what a service is given differs only in time. Two runs
+with the same services, seed and calls are equal byte by byte, provided that no service looks at a
+wall clock or draws unseeded random numbers.
 """
 
-import hashlib
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from heapq import heapify, heapreplace
 from types import TracebackType
@@ -24,17 +22,14 @@ from common.journal.journal import Journal
 from common.links.config import Links
 from common.links.spec import LinkSpec
 from common.runtime.service import Service
+from common.runtime.simulated.bus import SimBus
 from common.runtime.simulated.links import SimLinks
 from common.schemas import LinkChange, Message
 from common.topics import JOURNAL, LINK_CHANGE, Topic
-from common.transport.keys import key_of
 from common.transport.tap import RawSample
-from common.wire.codec import decode, encode_body, schema_tag, with_header
 from common.wire.stamper import HeaderStamper
 
 M = TypeVar("M", bound=Message)
-
-RawListener = Callable[[RawSample], None]
 
 
 class _Host:
@@ -44,7 +39,7 @@ class _Host:
         self.service = service
         self.order = order
         self.paused = False
-        self.lives = 0
+        self.runs = 0
         self.inbox: Inbox
         self.journal: Journal | None = None
         self.journal_due = 0
@@ -65,7 +60,7 @@ class SimTimeRunner:
         record: bool = False,
         journal: bool | None = None,
     ) -> None:
-        """Set the stage; no service is stepped yet.
+        """Prepare; no service is stepped yet.
 
         Args:
             services: what to run; their order decides at equal times.
@@ -73,7 +68,7 @@ class SimTimeRunner:
             links: delays by name, see :mod:`common.links.config`.
             offsets_ns: time of the first step by service name; 0 where not named.
             robot: first part of the keys in the record.
-            record: keep every message in :attr:`log`, also those nobody reads.
+            record: keep every message in :attr:`log`, also those without a reader.
             journal: publish each service's :class:`~common.schemas.StepJournal`, so that it can
                 be replayed; None: when recording.
 
@@ -81,17 +76,14 @@ class SimTimeRunner:
             TrillError: two services have the same name, or an offset names none.
             ConfigError: a link is wrong.
         """
+        self._now = 0
         self._seed = seed
-        self._robot = robot
-        self._record = record
+        self._bus = SimBus(lambda: self._now, seed=seed, robot=robot, record=record)
         self._journal = record if journal is None else journal
         names = [service.name for service in services]
         self._links = links if isinstance(links, Links) else Links.from_table(links or {}, names)
         self._set_links = SimLinks(self._links)
-        self._untold: list[LinkChange] = []
-        self._now = 0
-        self.log: list[RawSample] = []
-        """Every message so far, if recording."""
+        self._pending_changes: list[LinkChange] = []
         self._hosts = {service.name: _Host(service, i) for i, service in enumerate(services)}
         offsets = dict(offsets_ns or {})
         unknown = offsets.keys() - self._hosts.keys()
@@ -100,9 +92,6 @@ class SimTimeRunner:
                 f"expected services of different names and offsets of these only; got "
                 f"{names} and offsets of {sorted(offsets)}"
             )
-        self._readers: dict[str, list[_Host]] = {}
-        self._taps: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
-        self._raw_listeners: list[RawListener] = []
         self._injectors: dict[tuple[str, str], HeaderStamper] = {}
         for host in self._hosts.values():
             self._start(host)
@@ -117,14 +106,19 @@ class SimTimeRunner:
         """The virtual clock [ns]."""
         return self._now
 
+    @property
+    def log(self) -> list[RawSample]:
+        """Every message so far, if recording."""
+        return self._bus.log
+
     def run_until(self, t_ns: int) -> None:
         """Run every step due before ``t_ns``; the clock then stands at ``t_ns``."""
-        self._tell_links()
+        self._publish_changes()
         queue = self._queue
         while queue and queue[0][0] < t_ns:
             due, order, host = queue[0]
             self._now = due
-            # The queue is put right first, so a step that raises does not come again.
+            # The queue is updated first, so a step that raises does not come again.
             heapreplace(queue, (due + host.service.period_ns, order, host))
             if not host.paused:
                 inbox = host.inbox
@@ -132,8 +126,8 @@ class SimTimeRunner:
                 for output in host.service.step(inbox, due):
                     self._publish(host, output.topic, output.message)
                 if host.journal is not None:
-                    self._keep_journal(host, host.journal)
-                # A service that has ended itself is stepped no more, as a process that is gone.
+                    self._end_journal_step(host, host.journal)
+                # A service that has ended itself is stepped no more, like a process that is gone.
                 host.paused = host.service.exit_code is not None
         self._now = max(self._now, t_ns)
 
@@ -145,9 +139,9 @@ class SimTimeRunner:
         """Publish ``message`` now, as a service called ``source`` would."""
         stamper = self._injectors.get((source, topic.name))
         if stamper is None:
-            stamper = self._stamper(source, 0)
+            stamper = self._bus.stamper(source, 0)
             self._injectors[source, topic.name] = stamper
-        self._send(stamper, source, topic, message, None)
+        self._bus.send(stamper, source, topic, message)
 
     def set_link(
         self, name: str, spec: str | LinkSpec | None, service: str | None = None
@@ -168,8 +162,8 @@ class SimTimeRunner:
         """
         full = name if service is None else f"{service}:{name}"
         changes = self._set_links.set(full, spec)
-        self._untold += changes
-        self._tell_links()
+        self._pending_changes += changes
+        self._publish_changes()
         return changes
 
     def pause_service(self, name: str) -> None:
@@ -197,11 +191,7 @@ class SimTimeRunner:
 
     def on_message(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
         """Call ``callback`` with every message of ``topic``, decoded, when it is published."""
-        self._taps[topic.name].append(callback)
-
-    def on_raw(self, callback: RawListener) -> None:
-        """Call ``callback`` with every message as bytes, as a live raw tap would see it."""
-        self._raw_listeners.append(callback)
+        self._bus.on_message(topic, callback)
 
     def inbox(self, name: str) -> Inbox:
         """The inbox of a service, e.g. for its counters."""
@@ -209,12 +199,7 @@ class SimTimeRunner:
 
     def digest(self) -> str:
         """Return the SHA-256 over time, key and payload of everything in :attr:`log`."""
-        total = hashlib.sha256()
-        for sample in self.log:
-            head = f"{sample.arrival_ns} {sample.key} {len(sample.payload)}\n"
-            total.update(head.encode())
-            total.update(sample.payload)
-        return total.hexdigest()
+        return self._bus.digest()
 
     def close(self) -> None:
         """Close every service."""
@@ -232,9 +217,9 @@ class SimTimeRunner:
     ) -> None:
         self.close()
 
-    def _keep_journal(self, host: _Host, journal: Journal) -> None:
-        """A step has ended: publish the journal if it is time, or the service has ended."""
-        journal.end(self._now)
+    def _end_journal_step(self, host: _Host, journal: Journal) -> None:
+        """End a step in the journal; publish it if it is time, or the service has ended."""
+        journal.end_step(self._now)
         if self._now >= host.journal_due or host.service.exit_code is not None:
             host.journal_due = self._now + JOURNAL_PERIOD_NS
             message = journal.fetch()
@@ -242,85 +227,41 @@ class SimTimeRunner:
                 self._publish(host, JOURNAL, message)
 
     def _publish(self, host: _Host, topic: Topic[Any], message: Message) -> None:
-        """Send what a service returned."""
+        """Send an output of a service."""
         stamper = host.stampers.get(topic.name)
         if stamper is None:
             raise TrillError(
                 f"{host.service.name} published {topic.name!r}; expected one of its `writes`: "
                 f"{', '.join(t.name for t in host.service.writes) or 'none'}"
             )
-        self._send(stamper, host.service.name, topic, message, host)
+        self._bus.send(stamper, host.service.name, topic, message, own=host.inbox)
 
-    def _send(
-        self,
-        stamper: HeaderStamper,
-        source: str,
-        topic: Topic[Any],
-        message: Message,
-        sender: _Host | None,
-    ) -> None:
-        """Encode once and hand to every reader but the sender; nothing if there is none."""
-        readers = self._readers.get(topic.name, ())
-        taps = self._taps.get(topic.name, ())
-        if not self._wanted(topic):
-            stamper.count += 1
-            return
-        payload = with_header(message, encode_body(message), stamper.next(message, self._now))
-        for reader in readers:
-            if reader is not sender:
-                reader.inbox.offer(topic.name, payload, self._now)
-        if self._record or self._raw_listeners:
-            key = key_of(self._robot, topic, source)
-            schema: type[Message] = topic.schema
-            sample = RawSample(key, payload, schema_tag(schema), self._now)
-            if self._record:
-                self.log.append(sample)
-            for listener in self._raw_listeners:
-                listener(sample)
-        for tap in taps:
-            tap(decode(payload, topic.schema))
-
-    def _tell_links(self) -> None:
-        """Publish what has not been told of links."""
-        untold, self._untold = self._untold, []
-        for change in untold:
+    def _publish_changes(self) -> None:
+        """Publish changes of links that are pending."""
+        changes, self._pending_changes = self._pending_changes, []
+        for change in changes:
             self._publish(self._host(change.service), LINK_CHANGE, change)
 
-    def _wanted(self, topic: Topic[Any]) -> bool:
-        """Whether anything would come of a message of ``topic``."""
-        name = topic.name
-        return bool(
-            self._record or self._raw_listeners or self._readers.get(name) or self._taps.get(name)
-        )
-
     def _start(self, host: _Host) -> None:
-        """Give a service a new life: inbox, boot id, counters."""
+        """Start a run of a service: inbox, boot id, counters."""
         service = host.service
-        service.wanted = self._wanted
-        host.lives += 1
+        service.wanted = self._bus.wanted
+        host.runs += 1
         host.journal = Journal(service.name, service.settings) if self._journal else None
         host.inbox = Inbox(
             service.reads,
             service=service.name,
             links=self._links,
             seed=self._seed,
-            tools=InboxContext(journal=host.journal),
+            context=InboxContext(journal=host.journal),
         )
-        self._untold += self._set_links.begin(service.name, host.inbox)
+        self._pending_changes += self._set_links.begin(service.name, host.inbox)
         writes = (*service.writes, LINK_CHANGE, *((JOURNAL,) if self._journal else ()))
-        host.stampers = {t.name: self._stamper(service.name, host.lives) for t in writes}
+        host.stampers = {t.name: self._bus.stamper(service.name, host.runs) for t in writes}
 
     def _connect(self) -> None:
-        """Find the readers of each topic, in the order of the services."""
-        self._readers = {}
-        for host in self._hosts.values():
-            for name in {topic.name: None for topic in host.service.reads}:
-                self._readers.setdefault(name, []).append(host)
-
-    def _stamper(self, source: str, life: int) -> HeaderStamper:
-        text = f"{self._seed} {source} {life}"
-        boot = int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "big")
-        return HeaderStamper(source, boot, lambda: self._now)
+        """Deliver to the services' inboxes, in the order of the services."""
+        self._bus.connect(host.inbox for host in self._hosts.values())
 
     def _host(self, name: str) -> _Host:
         host = self._hosts.get(name)

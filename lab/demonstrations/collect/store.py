@@ -20,7 +20,7 @@ from common.episodes.folder import (
     read_meta,
     trial_files,
 )
-from common.files import PART, alone, write_whole
+from common.files import PART, exclusive_lock, write_whole
 from lab.demonstrations.collect.config import EpisodeConfig, origin_differences
 from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
 from lab.trials.provenance import CodeVersion
@@ -89,7 +89,7 @@ class Store:
         """
         with ExitStack() as stack:
             with _disk_errors(self.root / _LOCK):
-                stack.enter_context(alone(self.root / _LOCK, EpisodeError))
+                stack.enter_context(exclusive_lock(self.root / _LOCK, EpisodeError))
             yield
 
     @contextmanager

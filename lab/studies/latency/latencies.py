@@ -4,11 +4,17 @@ from collections import defaultdict
 
 import numpy as np
 
-from common.journal.journal import STEP_COLUMNS, TAKE_COLUMNS, UNKNOWN, Take, read_tables
+from common.journal.tables import (
+    INPUT_COLUMNS,
+    STEP_COLUMNS,
+    UNKNOWN,
+    InputOutcome,
+    read_tables,
+)
 from common.schemas import StepJournal
 
 _NOW = STEP_COLUMNS.index("now")
-_COLUMN = {name: number for number, name in enumerate(TAKE_COLUMNS)}
+_COLUMN = {name: number for number, name in enumerate(INPUT_COLUMNS)}
 
 Input = tuple[str, str]
 """Consumer and topic."""
@@ -31,14 +37,14 @@ class Latencies:
         Raises:
             SchemaError: it contradicts itself.
         """
-        steps, takes = read_tables(journal)
-        for number, stream in enumerate(journal.streams):
-            at = (journal.service, stream.topic)
-            mine = takes[takes[:, _COLUMN["stream"]] == number]
-            kinds = mine[:, _COLUMN["kind"]]
-            self._lost[at] += int((kinds == Take.LOST).sum())
+        steps, inputs = read_tables(journal)
+        for index, source in enumerate(journal.sources):
+            at = (journal.service, source.topic)
+            mine = inputs[inputs[:, _COLUMN["source"]] == index]
+            outcomes = mine[:, _COLUMN["outcome"]]
+            self._lost[at] += int((outcomes == InputOutcome.LOST).sum())
             known = mine[:, _COLUMN["offset"]] != UNKNOWN
-            used = mine[(kinds == Take.APPLIED) & known]
+            used = mine[(outcomes == InputOutcome.APPLIED) & known]
             sent_at = used[:, _COLUMN["sent"]] + used[:, _COLUMN["offset"]]
             newest: dict[int, int] = {}
             for step, sent in zip(used[:, 0].tolist(), sent_at.tolist(), strict=True):

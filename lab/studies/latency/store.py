@@ -15,7 +15,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
-from common.files import alone, write_whole
+from common.files import exclusive_lock, write_whole
 from lab.errors import LatencyStudyError
 from lab.studies.latency.plan import Plan
 from lab.studies.latency.row import TrialRow
@@ -60,7 +60,7 @@ class Store:
         with ExitStack() as stack:
             with self._disk():
                 self.root.mkdir(parents=True, exist_ok=True)
-                stack.enter_context(alone(self.root / _LOCK, LatencyStudyError))
+                stack.enter_context(exclusive_lock(self.root / _LOCK, LatencyStudyError))
             known = self._plan()
             # Labels are no difference: they are of the figure alone.
             if known is not None and (differences := known.differences(plan)):

@@ -6,6 +6,7 @@ import msgpack
 import zenoh
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from common.queries import EPISODES
 from services.logger.record.recorder import Recorder
 
 
@@ -25,7 +26,7 @@ class EpisodeQueryServer:
 
     def __init__(self, session: "zenoh.Session", robot: str, recorder: Recorder) -> None:
         """Begin to answer for ``recorder``."""
-        key = f"{robot}/episodes/{session.info.zid()}"
+        key = EPISODES.key(robot, str(session.info.zid()))
 
         def reply(query: Any) -> None:
             with query:
@@ -53,7 +54,9 @@ def state_of(recorder: Recorder) -> EpisodeQueryState:
 def ask(session: "zenoh.Session", robot: str, timeout: float = 2.0) -> list[EpisodeQueryState]:
     """Ask all recorders of ``robot`` for their states; ignore invalid answers."""
     states = []
-    for reply in session.get(f"{robot}/episodes/*", target=zenoh.QueryTarget.ALL, timeout=timeout):
+    for reply in session.get(
+        EPISODES.key(robot, "*"), target=zenoh.QueryTarget.ALL, timeout=timeout
+    ):
         if reply.ok is None:
             continue
         try:

@@ -10,7 +10,7 @@ from common.errors import ConfigError
 from common.inbox.buffer import InboxContext
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
-from common.journal.journal import UNKNOWN
+from common.journal.tables import UNKNOWN
 from common.links.config import Links
 from common.runtime.live.main import argument_parser, load_settings
 from common.schemas import Estop, Gait, GaitRequest, Header, Message, Setpoint
@@ -84,7 +84,7 @@ def test_only_what_is_young_enough_on_arrival_is_applied(
     assert (inbox.latest(topic) is not None) is applied
     if topic is not TELEOP_SETPOINT:
         assert len(inbox.events(topic)) == applied
-    assert inbox.status(topic).stale == (not applied)
+    assert inbox.health_of(topic).stale == (not applied)
     assert inbox.stale == (not applied)
     link = next(link for link in inbox.link_health() if link.topic == topic.name)
     assert (link.stale, link.received, link.refused) == (not applied, 1, 0)
@@ -92,14 +92,14 @@ def test_only_what_is_young_enough_on_arrival_is_applied(
 
 @pytest.mark.parametrize("ahead", [-0.2, 0.2])
 def test_the_senders_clock_is_taken_into_account(ahead: float) -> None:
-    tools = InboxContext(offset_of=lambda _header: round(-ahead * SECOND))
+    context = InboxContext(offset_of=lambda _header: round(-ahead * SECOND))
     for age, applied in ((0.24, True), (0.26, False)):
-        inbox = offered(TELEOP_SETPOINT, age, clock_ahead=ahead, tools=tools)
+        inbox = offered(TELEOP_SETPOINT, age, clock_ahead=ahead, context=context)
         assert inbox.updated(TELEOP_SETPOINT) is applied
 
 
 def test_without_a_known_clock_nothing_is_called_old() -> None:
-    inbox = offered(TELEOP_GAIT, 20.0, tools=InboxContext(offset_of=lambda _header: UNKNOWN))
+    inbox = offered(TELEOP_GAIT, 20.0, context=InboxContext(offset_of=lambda _header: UNKNOWN))
     assert inbox.updated(TELEOP_GAIT)
 
 
@@ -117,7 +117,7 @@ def test_what_is_old_is_no_gap_and_the_next_is_applied() -> None:
         inbox.offer("teleop/gait", encode(EXAMPLES["teleop/gait"], header), NOW + 1000)
     inbox.begin_step(NOW + SECOND)
     assert len(inbox.events(TELEOP_GAIT)) == 2
-    status = inbox.status(TELEOP_GAIT)
+    status = inbox.health_of(TELEOP_GAIT)
     assert (status.gaps, status.stale, status.late) == (0, 1, 0)
 
 
@@ -170,7 +170,7 @@ class Cut:
             topic.name: Publisher(self.sender, "draco3", topic, "sim", 1) for topic in TOPICS
         }
         self.ages: dict[str, list[float]] = {topic.name: [] for topic in TOPICS}
-        self.beats = 0
+        self.beats = self.now = 0
 
     def close(self) -> None:
         self.subscribers.clear()
@@ -191,8 +191,8 @@ class Cut:
             self.read()
 
     def read(self) -> None:
-        inbox = self.inbox
-        inbox.begin_step(time.monotonic_ns())
+        inbox, self.now = self.inbox, time.monotonic_ns()
+        inbox.begin_step(self.now)
         for topic in (TELEOP_SETPOINT, PLANT_STATE):
             value = inbox.latest(topic)
             if value is not None and inbox.updated(topic):
@@ -202,8 +202,8 @@ class Cut:
                 self.note(event_topic, event)
 
     def note(self, topic: Topic[Any], message: Message) -> None:
-        slot = self.inbox._slots[topic.name]
-        self.ages[topic.name].append(1e-9 * (slot.good_ns - message.header.sent))
+        received_ns = self.now - round(1e9 * self.inbox.age(topic))
+        self.ages[topic.name].append(1e-9 * (received_ns - message.header.sent))
 
 
 @pytest.fixture
@@ -219,7 +219,7 @@ def test_after_a_cut_of_two_seconds_only_what_is_young_is_applied(cut: Cut) -> N
         cut.run(0.1)
     assert cut.ages["teleop/gait"]
     cut.run(1.0)
-    before = {topic.name: cut.inbox.status(topic).stale for topic in TOPICS}
+    before = {topic.name: cut.inbox.health_of(topic).stale for topic in TOPICS}
     cut.proxy.stall()
     cut.run(0.3)
     cut.publishers["estop"].send(EXAMPLES["estop"])
@@ -230,9 +230,9 @@ def test_after_a_cut_of_two_seconds_only_what_is_young_is_applied(cut: Cut) -> N
     for topic in TOPICS:
         assert max(cut.ages[topic.name], default=0.0) <= topic.max_age
     # It did arrive, and was not applied; the emergency stop was, though it was 1.7 s old.
-    stale = {topic.name: cut.inbox.status(topic).stale - before[topic.name] for topic in TOPICS}
+    stale = {topic.name: cut.inbox.health_of(topic).stale - before[topic.name] for topic in TOPICS}
     # Of latest values that come in one heap only the newest are looked at, the others let go.
-    assert stale["plant/state"] + cut.inbox.status(PLANT_STATE).skipped > 50
+    assert stale["plant/state"] + cut.inbox.health_of(PLANT_STATE).skipped > 50
     assert stale["plant/state"] > 0
     assert stale["teleop/setpoint"] > 0
     assert stale["teleop/gait"] >= 5
@@ -255,7 +255,7 @@ def test_what_was_let_go_before_a_stale_message_is_not_missing() -> None:
         if number == 0:
             inbox.begin_step(time_ns)
     inbox.begin_step(sent[-1])
-    status = inbox.status(PLANT_STATE)
+    status = inbox.health_of(PLANT_STATE)
     assert status.skipped > 50
     assert status.stale > 10
     assert status.gaps == 0

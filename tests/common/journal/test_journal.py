@@ -8,13 +8,14 @@ import pytest
 from common.errors import SchemaError
 from common.inbox.buffer import InboxContext
 from common.inbox.inbox import Inbox
-from common.journal.journal import (
-    TAKE_COLUMNS,
+from common.journal.journal import Journal
+from common.journal.stages import stage_times
+from common.journal.tables import (
+    INPUT_COLUMNS,
     UNKNOWN,
-    Journal,
-    Take,
+    InputOutcome,
+    InputTimes,
     read_tables,
-    stage_times,
 )
 from common.links.config import Links
 from common.schemas import Header, StepJournal
@@ -33,13 +34,13 @@ class Reader:
         self.now = 10 * SECOND
         self.journal = Journal("wbc", {"rate": 100})
         self.decoding = 0
-        tools = InboxContext(lambda _header: -200 * MS, self._clock, self.journal)
+        context = InboxContext(lambda _header: -200 * MS, self._clock, self.journal)
         links = Links.from_table({"plant/state": link} if link else {}, ["wbc"])
-        self.inbox = Inbox((PLANT_STATE, TELEOP_GAIT), service="wbc", links=links, tools=tools)
+        self.inbox = Inbox((PLANT_STATE, TELEOP_GAIT), service="wbc", links=links, context=context)
         self.seq = 0
 
     def _clock(self) -> int:
-        self.decoding += MS // 2  # each decoding takes half a millisecond
+        self.decoding += MS // 2  # each decoding inputs half a millisecond
         return self.now + self.decoding
 
     def offer(self, *, wire_ms: float = 3.0, garbage: bool = False, seq: int | None = None) -> None:
@@ -61,14 +62,14 @@ class Reader:
         self.now += round(after_ms * MS)
         self.inbox.begin_step(self.now)
         self.now += round(used_ms * MS)
-        self.journal.end(self.now)
+        self.journal.end_step(self.now)
 
     def fetch(self) -> tuple[StepJournal, list[dict[str, int]]]:
         message = self.journal.fetch()
         assert message is not None
         again = decode(encode(message, Header()), StepJournal)
-        _, takes = read_tables(again)
-        return message, [dict(zip(TAKE_COLUMNS, map(int, row), strict=True)) for row in takes]
+        _, inputs = read_tables(again)
+        return message, [dict(zip(INPUT_COLUMNS, map(int, row), strict=True)) for row in inputs]
 
 
 def stages(reader: Reader) -> dict[str, tuple[float, float]]:
@@ -119,12 +120,12 @@ def test_rows_say_what_became_of_each_message() -> None:
     reader.step()
     message, rows = reader.fetch()
     # What has no readable header cannot be named, and is only counted by the inbox.
-    kinds = [row["kind"] for row in rows]
-    assert kinds[:3] == [Take.APPLIED, Take.LATE, Take.STALE]
-    assert kinds[-1] == Take.APPLIED
+    kinds = [row["outcome"] for row in rows]
+    assert kinds[:3] == [InputOutcome.APPLIED, InputOutcome.LATE, InputOutcome.STALE]
+    assert kinds[-1] == InputOutcome.APPLIED
     assert [row["step"] for row in rows][-1] == 1
     assert (message.first_step, message.service) == (0, "wbc")
-    assert [(s.topic, s.source, s.boot) for s in message.streams] == [("plant/state", "sim", 7)]
+    assert [(s.topic, s.source, s.boot) for s in message.sources] == [("plant/state", "sim", 7)]
     assert rows[-1]["seq"] == 9
     assert rows[-1]["offset"] == -200 * MS
     assert sum(row["size"] for row in rows) == len(message.payloads)
@@ -139,7 +140,7 @@ def test_what_a_link_loses_is_noted_too() -> None:
     reader.offer()
     reader.step()
     _, (row,) = reader.fetch()
-    assert (row["kind"], row["injected"]) == (Take.LOST, -1)
+    assert (row["outcome"], row["injected"]) == (InputOutcome.LOST, -1)
     assert stages(reader) == {}
 
 
@@ -180,8 +181,8 @@ def test_only_the_last_seconds_count_in_health() -> None:
     "damage",
     [
         {"steps": bytes(15)},
-        {"takes": bytes(95)},
-        {"streams": []},
+        {"inputs": bytes(95)},
+        {"sources": []},
         {"steps": b""},
         {"payloads": b"abc"},
     ],
@@ -204,8 +205,8 @@ def test_a_header_beyond_the_columns_is_refused_and_stops_nothing() -> None:
     reader.offer()
     reader.step()
     _, rows = reader.fetch()
-    assert [row["kind"] for row in rows] == [Take.APPLIED]
-    assert reader.inbox.status(PLANT_STATE).refused == 5
+    assert [row["outcome"] for row in rows] == [InputOutcome.APPLIED]
+    assert reader.inbox.health_of(PLANT_STATE).refused == 5
     assert stages(reader)["total"]
 
 
@@ -219,20 +220,20 @@ def test_a_payload_too_long_to_carry_is_not_carried() -> None:
     reader.offer(seq=2)
     reader.step()
     message, rows = reader.fetch()
-    assert [(row["kind"], row["size"] > 0) for row in rows] == [
-        (Take.REFUSED, False),
-        (Take.APPLIED, True),
+    assert [(row["outcome"], row["size"] > 0) for row in rows] == [
+        (InputOutcome.REFUSED, False),
+        (InputOutcome.APPLIED, True),
     ]
     assert len(message.payloads) == rows[1]["size"]
 
 
 def test_too_many_messages_between_two_fetches_are_counted() -> None:
     journal = Journal("wbc")
-    journal.begin(1)
+    journal.begin_step(1)
     for seq in range(40_010):
         header = Header(seq=seq, source="sim", boot=7)
-        journal.take("plant/state", Take.APPLIED, header, b"", (1, 0, 0, 0))
-    journal.end(2)
+        journal.record("plant/state", InputOutcome.APPLIED, header, b"", "", InputTimes(1, 0, 0, 0))
+    journal.end_step(2)
     message = journal.fetch()
     assert message is not None
     assert (message.lost, len(read_tables(message)[1])) == (10, 40_000)
@@ -244,10 +245,12 @@ def test_the_first_seconds_of_each_senders_life_are_carried() -> None:
     for tenth in range(300):
         now = tenth * SECOND // 10
         boot = 1 if tenth < 200 else 2
-        journal.begin(now)
+        journal.begin_step(now)
         header = Header(seq=tenth, boot=boot, source="wbc")
-        journal.take("wbc/command", Take.APPLIED, header, bytes(10), (now, 0, 0, 0))
-        journal.end(now)
+        journal.record(
+            "wbc/command", InputOutcome.APPLIED, header, bytes(10), "", InputTimes(now, 0, 0, 0)
+        )
+        journal.end_step(now)
         message = journal.fetch()
         assert message is not None
         sizes[boot].append(len(message.payloads) == 10)
@@ -257,9 +260,16 @@ def test_the_first_seconds_of_each_senders_life_are_carried() -> None:
     carried = 0
     for boot in range(3, 300):
         header = Header(boot=boot, source="wbc")
-        journal.begin(1)
+        journal.begin_step(1)
         for _ in range(3):
-            journal.take("wbc/command", Take.APPLIED, header, bytes(3_000_000), (1, 0, 0, 0))
+            journal.record(
+                "wbc/command",
+                InputOutcome.APPLIED,
+                header,
+                bytes(3_000_000),
+                "",
+                InputTimes(1, 0, 0, 0),
+            )
         if boot % 3 == 0:
             message = journal.fetch()
             assert message is not None

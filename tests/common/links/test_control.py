@@ -13,7 +13,6 @@ from common.links.control import (
     LinkReply,
     LiveLinks,
     from_wire,
-    links_key,
     to_wire,
 )
 from common.links.spec import Distribution, LinkSpec
@@ -118,7 +117,6 @@ def test_wire_form_round_trips() -> None:
     assert from_wire(to_wire(live), LiveLinks) == live
     reply = LinkReply(service="wbc", live=live)
     assert from_wire(to_wire(reply), LinkReply) == reply
-    assert links_key("draco3", "wbc") == "draco3/links/wbc"
 
 
 def packed(**fields: Any) -> bytes:

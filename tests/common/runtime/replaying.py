@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from common.journal.journal import read_tables
+from common.journal.tables import read_tables
 from common.runtime.replay.result import Report
 from common.runtime.replay.runner import ReplayRunner
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
@@ -101,16 +101,16 @@ def jittery(controller: Service | None = None, seconds: float = 2.0) -> SimTimeR
 
 
 def without_payloads(messages: Sequence[Recorded]) -> list[Recorded]:
-    """The same recording with journals that carry no message, as after a life's first seconds."""
+    """The same recording with journals that carry no message, as after a run's first seconds."""
     return [
         changed(message, _strip) if message.topic is JOURNAL else message for message in messages
     ]
 
 
 def _strip(journal: StepJournal) -> StepJournal:
-    takes = read_tables(journal)[1].copy()
-    takes[:, 11] = 0
-    return journal.model_copy(update={"takes": takes.tobytes(), "payloads": b""})
+    inputs = read_tables(journal)[1].copy()
+    inputs[:, 11] = 0
+    return journal.model_copy(update={"inputs": inputs.tobytes(), "payloads": b""})
 
 
 def changed(message: Recorded, change: Callable[[Any], Any]) -> Recorded:
@@ -118,14 +118,14 @@ def changed(message: Recorded, change: Callable[[Any], Any]) -> Recorded:
     return message._replace(payload=encode(change(before), before.header))
 
 
-def life_of(messages: Sequence[Recorded], service: str, number: int = 1) -> ServiceRun:
+def run_of(messages: Sequence[Recorded], service: str, number: int = 1) -> ServiceRun:
     return next(
-        life for life in find_runs(messages) if (life.service, life.number) == (service, number)
+        run for run in find_runs(messages) if (run.service, run.number) == (service, number)
     )
 
 
 def replay(service: Service, messages: Sequence[Recorded], number: int = 1, **how: Any) -> Report:
-    return ReplayRunner(service, life_of(messages, service.name, number), messages, **how).run()
+    return ReplayRunner(service, run_of(messages, service.name, number), messages, **how).run()
 
 
 def lacking(

@@ -1,4 +1,4 @@
-"""What happens beside a loop does not end it."""
+"""A component that raises does not end the loop."""
 
 import pytest
 
@@ -8,36 +8,38 @@ SECOND = 1_000_000_000
 
 
 class Counting(Component):
-    """Wants to be tended at once, always; fails as long as it is told to."""
+    """Is always due; raises while ``failing`` is set."""
 
     def __init__(self) -> None:
         self.due_ns = 0
-        self.tended = 0
+        self.polls = 0
         self.failing = False
 
     def poll(self, now_ns: int) -> None:
-        self.tended += 1
+        self.polls += 1
         if self.failing:
             raise ValueError("no such luck")
 
 
-def test_an_aide_that_fails_rests_and_the_others_go_on(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_component_that_raises_is_disabled_for_a_second_and_the_others_go_on(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
     sick, well = Counting(), Counting()
     sick.failing = True
     well.due_ns = 3 * SECOND
-    crew = ComponentSet((sick, well))
-    assert crew.due_ns == 0
+    components = ComponentSet((sick, well))
+    assert components.due_ns == 0
     for tenth in range(10):
-        crew.poll(tenth * SECOND // 10)
-    assert (sick.tended, well.tended) == (1, 10)
+        components.poll(tenth * SECOND // 10)
+    assert (sick.polls, well.polls) == (1, 10)
     # It does not keep the loop awake meanwhile.
-    assert crew.due_ns == SECOND
+    assert components.due_ns == SECOND
     (record,) = caplog.records
     assert record.getMessage() == "Counting failed; the service goes on"
     assert record.exc_info
     sick.failing = False
-    crew.poll(SECOND, only_due=True)
-    crew.poll(2 * SECOND, only_due=True)
-    assert (sick.tended, well.tended) == (3, 10)
-    crew.poll(3 * SECOND, only_due=True)
-    assert (sick.tended, well.tended) == (4, 11)
+    components.poll(SECOND, only_due=True)
+    components.poll(2 * SECOND, only_due=True)
+    assert (sick.polls, well.polls) == (3, 10)
+    components.poll(3 * SECOND, only_due=True)
+    assert (sick.polls, well.polls) == (4, 11)

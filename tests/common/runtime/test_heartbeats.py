@@ -1,4 +1,4 @@
-"""Death and life by heartbeats: the judgement alone, the component, and real processes."""
+"""Loss and return of peers by heartbeats: the decision, the component, and real processes."""
 
 import itertools
 import logging
@@ -20,43 +20,43 @@ from common.wire.codec import encode, schema_tag
 from tests.common.runtime.test_live import Stack
 
 MS = 1_000_000
-PROMISE = 100 * MS
+TIMEOUT = 100 * MS
 
 
-def test_silence_is_told_within_the_promise_and_only_then() -> None:
-    pulse = PeerLiveness()
-    assert not pulse.judge(10**12, False)  # never heard: not dead either
-    assert pulse.hear(0, PROMISE)
-    assert pulse.deadline_ns < PROMISE
-    assert not pulse.judge(pulse.deadline_ns - 1, False)
+def test_a_loss_is_found_within_the_timeout_and_only_then() -> None:
+    liveness = PeerLiveness()
+    assert not liveness.check(10**12, False)  # never heard: not dead either
+    assert liveness.receive(0, TIMEOUT)
+    assert liveness.deadline_ns < TIMEOUT
+    assert not liveness.check(liveness.deadline_ns - 1, False)
     # One beat may be missed: they come every 40 ms.
-    assert pulse.deadline_ns > 80 * MS
-    assert pulse.judge(pulse.deadline_ns, False)
-    assert (pulse.alive, pulse.deaths) == (False, 1)
-    assert not pulse.judge(10 * PROMISE, False)  # told once
-    assert pulse.hear(11 * PROMISE, PROMISE)
-    assert not pulse.hear(11 * PROMISE + 1, PROMISE)
-    assert pulse.judge(20 * PROMISE, False)
-    assert pulse.deaths == 2
+    assert liveness.deadline_ns > 80 * MS
+    assert liveness.check(liveness.deadline_ns, False)
+    assert (liveness.alive, liveness.losses) == (False, 1)
+    assert not liveness.check(10 * TIMEOUT, False)  # found once
+    assert liveness.receive(11 * TIMEOUT, TIMEOUT)
+    assert not liveness.receive(11 * TIMEOUT + 1, TIMEOUT)
+    assert liveness.check(20 * TIMEOUT, False)
+    assert liveness.losses == 2
 
 
-def test_a_longer_promise_is_respected() -> None:
-    pulse = PeerLiveness()
-    pulse.hear(0, 5 * PROMISE)
-    assert not pulse.judge(4 * PROMISE, False)
-    assert pulse.judge(5 * PROMISE, False)
+def test_a_longer_timeout_is_respected() -> None:
+    liveness = PeerLiveness()
+    liveness.receive(0, 5 * TIMEOUT)
+    assert not liveness.check(4 * TIMEOUT, False)
+    assert liveness.check(5 * TIMEOUT, False)
 
 
-def test_a_watcher_that_stood_still_listens_before_it_judges() -> None:
-    pulse = PeerLiveness()
-    pulse.hear(0, PROMISE)
-    assert not pulse.judge(150 * MS, True)
-    assert not pulse.judge(151 * MS, False)
-    pulse.hear(149 * MS, PROMISE)  # was only waiting to be heard
-    assert not pulse.judge(175 * MS, False)
+def test_a_watcher_that_stood_still_waits_before_it_decides() -> None:
+    liveness = PeerLiveness()
+    liveness.receive(0, TIMEOUT)
+    assert not liveness.check(150 * MS, True)
+    assert not liveness.check(151 * MS, False)
+    liveness.receive(149 * MS, TIMEOUT)  # was only waiting to be heard
+    assert not liveness.check(175 * MS, False)
     # One that stands still all the time judges all the same.
-    assert not pulse.judge(300 * MS, True)
-    assert pulse.judge(450 * MS, True)
+    assert not liveness.check(300 * MS, True)
+    assert liveness.check(450 * MS, True)
 
 
 class FakeSession:
@@ -105,11 +105,11 @@ class Bench:
         self.sent.append((self.now, message))
 
     def beat(self, payload: bytes | None = None) -> None:
-        good = encode(Heartbeat(steps=1, promise=0.1), Header(source="sim", boot=5))
+        good = encode(Heartbeat(steps=1, timeout=0.1), Header(source="sim", boot=5))
         self.session.listeners["draco3/heartbeat/sim"](Sample(payload or good))
 
     def run(self, ms: int, step_ms: int = 10, beats: int = 0) -> None:
-        """Tend every ``step_ms``, with a beat from the peer every ``beats`` ms."""
+        """Poll every ``step_ms``, with a heartbeat from the peer every ``beats`` ms."""
         for at in range(0, ms, step_ms):
             if beats and at % beats == 0:
                 self.beat()
@@ -142,11 +142,11 @@ def test_beats_come_at_their_rate_between_the_steps_too(
     times = [at for at, _ in bench.sent]
     assert len(times) == pytest.approx(50, abs=2)
     assert max(b - a for a, b in itertools.pairwise(times)) <= 50 * MS
-    assert bench.sent[0][1].promise == 0.25
+    assert bench.sent[0][1].timeout == 0.25
     assert bench.sent[0][1].steps == 7
 
 
-def test_dead_and_alive_are_logged_once_each(bench: Bench, caplog: Any) -> None:
+def test_loss_and_return_are_logged_once_each(bench: Bench, caplog: Any) -> None:
     caplog.set_level(logging.WARNING)
     bench.run(500)
     assert bench.peer().silent == -1.0
@@ -158,14 +158,14 @@ def test_dead_and_alive_are_logged_once_each(bench: Bench, caplog: Any) -> None:
     assert not bench.peer().alive
     bench.run(500, beats=40)
     peer = bench.peer()
-    assert (peer.alive, peer.deaths) == (True, 1)
+    assert (peer.alive, peer.losses) == (True, 1)
     assert 0.0 <= peer.silent < 0.1
     first, second = caplog.messages
     assert first.startswith("no sign of life from sim for 0.1")
     assert second.startswith("sim is alive again after 0.7")
 
 
-def test_the_aide_wakes_to_notice_in_time(bench: Bench) -> None:
+def test_the_component_is_due_in_time_to_find_a_loss(bench: Bench) -> None:
     bench.run(100)
     bench.run(200, beats=40)
     last = bench.now
@@ -194,7 +194,7 @@ def test_a_name_that_is_no_key_does_not_end_the_loop(bench: Bench) -> None:
 
 
 def refusing(declare: Callable[..., object]) -> Callable[..., object]:
-    """As the transport does, take no key that is none."""
+    """Refuse keys that are none, as the transport does."""
 
     def checked(key: str, listener: Callable[[Any], None]) -> object:
         zenoh.KeyExpr(key)
@@ -233,7 +233,7 @@ def test_a_dead_process_is_noticed_and_found_again(stack: Stack, how: str) -> No
     assert stack.until(dead)
     after = seen()
     assert after is not None
-    assert after.deaths >= before.deaths + 1
+    assert after.losses >= before.losses + 1
     if how == "pause":
         processes["sim"].send_signal(signal.SIGCONT)
     else:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from common.inbox.inbox import Inbox
-from common.journal.journal import PERIOD_NS, Journal, Take, read_tables
+from common.journal.journal import PERIOD_NS, Journal
+from common.journal.tables import InputOutcome, InputTimes, read_tables
 from common.runtime.live import journal_publisher as journaling
 from common.runtime.live.components import RunnerContext
 from common.runtime.live.journal_publisher import JournalPublisher
@@ -38,11 +39,11 @@ class Bench:
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds * 1e9) // STEP_NS):
             self.now += STEP_NS
-            self.journal.begin(self.now)
+            self.journal.begin_step(self.now)
             header = Header(seq=self.steps, source="sim", boot=7)
-            times = (self.now, 0, 0, 0)
-            self.journal.take("plant/state", Take.APPLIED, header, bytes(100), times)
-            self.journal.end(self.now)
+            times = InputTimes(self.now, 0, 0, 0)
+            self.journal.record("plant/state", InputOutcome.APPLIED, header, bytes(100), "", times)
+            self.journal.end_step(self.now)
             self.steps += 1
             self.component.poll(self.now)
 
@@ -74,7 +75,7 @@ def test_a_late_listener_gets_a_life_from_its_first_step_in_small_pieces() -> No
     assert np.diff(at[-5:-1]).min() >= PERIOD_NS
 
 
-@pytest.mark.parametrize(("bound", "most"), [("_KEPT_BYTES", 100_000), ("_KEPT", 50)])
+@pytest.mark.parametrize(("bound", "most"), [("_MAX_WAITING_BYTES", 100_000), ("_MAX_WAITING", 50)])
 def test_too_much_is_given_up_from_the_oldest(
     monkeypatch: pytest.MonkeyPatch, bound: str, most: int
 ) -> None:
@@ -86,8 +87,8 @@ def test_too_much_is_given_up_from_the_oldest(
     numbers = bench.steps_sent()
     assert numbers == list(range(numbers[0], bench.steps))
     assert numbers[0] > 0
-    sizes = [len(m.steps) + len(m.takes) + len(m.payloads) for _, m in bench.sent]
-    kept = sum(sizes) if bound == "_KEPT_BYTES" else len(sizes)
+    sizes = [len(m.steps) + len(m.inputs) + len(m.payloads) for _, m in bench.sent]
+    kept = sum(sizes) if bound == "_MAX_WAITING_BYTES" else len(sizes)
     assert 0.9 * most < kept <= most
 
 
@@ -96,10 +97,12 @@ def test_takes_that_nobody_hears_are_given_up_before_they_count_as_lost() -> Non
     header = Header(source="sim", boot=7)
     for step in range(1000):
         bench.now += STEP_NS
-        bench.journal.begin(bench.now)
+        bench.journal.begin_step(bench.now)
         for _ in range(300):
-            bench.journal.take("teleop/gait", Take.APPLIED, header, b"", (bench.now, 0, 0, 0))
-        bench.journal.end(bench.now)
+            bench.journal.record(
+                "teleop/gait", InputOutcome.APPLIED, header, b"", "", InputTimes(bench.now, 0, 0, 0)
+            )
+        bench.journal.end_step(bench.now)
         bench.component.poll(bench.now)
         bench.steps = step + 1
     bench.wanted = True
@@ -108,5 +111,5 @@ def test_takes_that_nobody_hears_are_given_up_before_they_count_as_lost() -> Non
     assert numbers == list(range(numbers[0], 1000))
     assert numbers[0] > 0
     for _, message in bench.sent:
-        steps, takes = read_tables(message)
-        assert (message.lost, len(takes)) == (0, 300 * len(steps))
+        steps, inputs = read_tables(message)
+        assert (message.lost, len(inputs)) == (0, 300 * len(steps))

@@ -12,8 +12,9 @@ from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
 from common.links.client import Answers, ask, read_links, set_links
 from common.links.config import Links
-from common.links.control import LinkControlError, links_key
+from common.links.control import LinkControlError
 from common.links.spec import LinkSpec
+from common.queries import LINKS
 from common.runtime.live.components import RunnerContext
 from common.runtime.live.link_server import LinkServer
 from common.schemas import LinkChange, Message
@@ -118,7 +119,7 @@ def test_alias_is_known_and_wrong_or_outdated_changes_are_refused_by_all(stack: 
     stack.start("wbc", "controller")
     before = stack.read().live
     assert stack.set("both", "30ms")["wbc"] == {"plant/state": "", "teleop/gait": "30ms"}
-    key = links_key(stack.config.robot, "*")
+    key = LINKS.key(stack.config.robot, "*")
     unknown = msgpack.packb({"version": 2**62, "layers": [{"comand": "5ms"}]})
     for garbage, token in ((b"\xc1\x00", b"LiveLinks"), (unknown, b"comand")):
         (answer,) = list(stack.session.get(key, payload=garbage, target=zenoh.QueryTarget.ALL))

@@ -155,8 +155,8 @@ def test_lost_exchanges_only_make_the_bound_wider() -> None:
 @pytest.mark.parametrize(
     "damaged",
     [
-        Exchange(asked=0, received=0, answered=10 * SECOND, heard=SECOND),
-        Exchange(asked=SECOND, received=5, answered=5, heard=0),
+        Exchange(asked=0, received=0, answered=10 * SECOND, returned=SECOND),
+        Exchange(asked=SECOND, received=5, answered=5, returned=0),
     ],
 )
 def test_times_that_contradict_themselves_are_not_used(damaged: Exchange) -> None:

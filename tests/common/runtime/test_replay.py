@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from common.journal.journal import Take, read_tables
+from common.journal.tables import InputOutcome, read_tables
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
 from common.runtime.service import Inputs, Output
 from common.schemas import StepJournal
@@ -47,8 +47,13 @@ def test_everything_is_identical_to_the_byte(messages: list[Recorded], strip: bo
 def test_the_inbox_answers_as_it_did(strip: bool) -> None:
     original = Spy()
     messages = recorded(jittery(original))
-    kinds = {kind for life in find_runs(messages) for kind in kinds_of(messages, life)}
-    assert {Take.APPLIED, Take.LATE, Take.STALE, Take.LOST} <= kinds
+    outcomes = {outcome for run in find_runs(messages) for outcome in outcomes_of(messages, run)}
+    assert {
+        InputOutcome.APPLIED,
+        InputOutcome.LATE,
+        InputOutcome.STALE,
+        InputOutcome.LOST,
+    } <= outcomes
     again = Spy()
     replay(again, without_payloads(messages) if strip else messages)
     length = len(again.answers)
@@ -57,13 +62,13 @@ def test_the_inbox_answers_as_it_did(strip: bool) -> None:
     assert again.answers == original.answers[:length]
 
 
-def kinds_of(messages: Sequence[Recorded], life: ServiceRun) -> set[Take]:
-    found: set[Take] = set()
+def outcomes_of(messages: Sequence[Recorded], run: ServiceRun) -> set[InputOutcome]:
+    found: set[InputOutcome] = set()
     for message in messages:
         header = wire_header(message.payload)
-        if message.topic is JOURNAL and header is not None and header.boot == life.boot:
-            takes = read_tables(decode(message.payload, StepJournal))[1]
-            found |= {Take(kind) for kind in takes[:, 2].tolist()}
+        if message.topic is JOURNAL and header is not None and header.boot == run.boot:
+            inputs = read_tables(decode(message.payload, StepJournal))[1]
+            found |= {InputOutcome(number) for number in inputs[:, 2].tolist()}
     return found
 
 

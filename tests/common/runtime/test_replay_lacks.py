@@ -1,4 +1,4 @@
-"""Replay of recordings that lack something: every lack is told, none is taken for a difference."""
+"""Replay of incomplete recordings: every gap is reported, none is taken for a difference."""
 
 from collections.abc import Sequence
 
@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from common.errors import TrillError
-from common.journal.journal import Journal, Take
+from common.journal.journal import Journal
+from common.journal.tables import InputOutcome, InputTimes
 from common.runtime.replay.runner import ReplayRunner
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
 from common.runtime.service import Inputs, Output
@@ -16,9 +17,9 @@ from tests.common.runtime.replaying import (
     LINKS,
     jittery,
     lacking,
-    life_of,
     recorded,
     replay,
+    run_of,
     without_payloads,
 )
 from tests.common.runtime.toys import (
@@ -70,8 +71,8 @@ def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
     whole = without_payloads(messages)
     taken = [
         item.key[3]
-        for step in life_of(whole, "wbc").steps()
-        for item in step.taken
+        for step in run_of(whole, "wbc").steps()
+        for item in step.inputs
         if item.key[0] == "plant/state"
     ]
     victim = taken[100]
@@ -84,10 +85,10 @@ def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
 
 def test_a_recording_that_began_later_is_refused(messages: list[Recorded]) -> None:
     later = lacking(messages, JOURNAL, lambda seq: seq < 3)
-    life = life_of(later, "wbc")
-    assert life.length == 0
+    run = run_of(later, "wbc")
+    assert run.length == 0
     with pytest.raises(TrillError, match="recording began at step 51 of wbc, in the middle"):
-        ReplayRunner(ToyController(), life, later)
+        ReplayRunner(ToyController(), run, later)
 
 
 def test_a_hole_in_the_journal_ends_the_replay(messages: list[Recorded]) -> None:
@@ -101,17 +102,17 @@ def test_a_hole_in_the_journal_ends_the_replay(messages: list[Recorded]) -> None
 
 def test_what_a_journal_could_not_note_ends_the_replay() -> None:
     journal = Journal("wbc")
-    journal.begin(0)
+    journal.begin_step(0)
     for number in range(70):
         header = gait_request(number).header.model_copy(update={"source": f"s{number}"})
-        journal.take("teleop/gait", Take.APPLIED, header, b"", (0, 0, 0, 0))
+        journal.record("teleop/gait", InputOutcome.APPLIED, header, b"", "", InputTimes(0, 0, 0, 0))
     message = journal.fetch()
     assert message is not None
     assert message.lost == 6
-    life = ServiceRun("wbc", 1, 1)
-    life.add(message)
-    assert life.length == 0
-    assert "lacks messages taken in" in life.ends
+    run = ServiceRun("wbc", 1, 1)
+    run.add(message)
+    assert run.length == 0
+    assert "lacks messages taken in" in run.ends
 
 
 def test_a_second_life_is_replayed_by_itself() -> None:
@@ -120,7 +121,7 @@ def test_a_second_life_is_replayed_by_itself() -> None:
     runner.replace_service("wbc", ToyController())
     runner.run_for(1.0)
     messages = recorded(runner)
-    assert len([life for life in find_runs(messages) if life.service == "wbc"]) == 2
+    assert len([run for run in find_runs(messages) if run.service == "wbc"]) == 2
     first, second = (replay(ToyController(), messages, number) for number in (1, 2))
     assert first.identical
     assert second.identical
@@ -143,14 +144,14 @@ def test_a_failure_is_replayed_too() -> None:
     journal = Journal("wbc")
     message = None
     for step in range(51):
-        journal.begin(step * 10_000_000)
+        journal.begin_step(step * 10_000_000)
         if step < 50:
-            journal.end(step * 10_000_000 + 1)
+            journal.end_step(step * 10_000_000 + 1)
     message = journal.fetch()
     assert message is not None
-    life = ServiceRun("wbc", 1, 1)
-    life.add(message)
-    report = ReplayRunner(Fragile(), life, []).run()
+    run = ServiceRun("wbc", 1, 1)
+    run.add(message)
+    report = ReplayRunner(Fragile(), run, []).run()
     assert report.stopped == ""
     assert "ValueError: broken on purpose" in report.failure
 
@@ -201,7 +202,7 @@ def test_an_array_off_by_nan_and_a_zeros_sign_are_found(messages: list[Recorded]
 
 def test_another_service_is_refused(messages: list[Recorded]) -> None:
     with pytest.raises(TrillError, match="expected a service named 'wbc', got 'sim'"):
-        ReplayRunner(ToyPlant(), life_of(messages, "wbc"), messages)
+        ReplayRunner(ToyPlant(), run_of(messages, "wbc"), messages)
 
 
 def test_a_service_has_no_settings_unless_it_says_so() -> None:

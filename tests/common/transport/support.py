@@ -43,6 +43,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
         repeated=6,
         skipped=3,
         stale=4,
+        adapted=7,
         refused=2,
         link="250ms",
         requested_mean=0.25,
@@ -69,7 +70,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
                 source="wbc",
                 alive=True,
                 silent=0.02,
-                deaths=1,
+                losses=1,
                 clock_offset=-0.2,
                 clock_error=1e-4,
             )
@@ -159,13 +160,17 @@ def examples() -> list[Message]:
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
         health(),
-        schemas.Heartbeat(steps=12, promise=0.1),
+        schemas.Heartbeat(steps=12, timeout=0.1),
         schemas.StepJournal(
             service="wbc",
             first_step=7,
-            streams=[schemas.Stream(topic="plant/state", source="sim", boot=2**40)],
+            sources=[
+                schemas.InputSource(
+                    topic="plant/state", source="sim", boot=2**40, schema_tag="trill/X/1;ab"
+                )
+            ],
             steps=bytes(16),
-            takes=bytes(96),
+            inputs=bytes(96),
             payloads=b"abc",
             settings='{"rate": 100.0}',
             lost=2,

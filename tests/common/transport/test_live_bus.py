@@ -1,15 +1,17 @@
 """Publishers, inboxes and taps over real sessions on loopback."""
 
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from typing import Any
 
+import msgpack
 import pytest
 
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
-from common.schemas import Estop, Header
+from common.schemas import Estop, Header, PlantState
 from common.topics import ESTOP, HEALTH, PLANT_STATE, Topic
 from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
@@ -80,7 +82,7 @@ def test_typed_message_crosses_the_bus(bus: Bus) -> None:
     assert (header.stamp, header.source, header.boot) == (42, "sim", boot)
     assert 0 <= header.seq < publisher.sent
     assert got.joint_torque.tobytes() == message.joint_torque.tobytes()
-    assert inbox.status(PLANT_STATE).refused == 0
+    assert inbox.health_of(PLANT_STATE).refused == 0
     assert publisher.errors == 0
 
 
@@ -102,7 +104,7 @@ def test_every_event_arrives_once_in_order(bus: Bus) -> None:
         time.sleep(0.002)
     assert until(collect)
     assert numbers[-100:] == list(range(start, start + 100))
-    assert inbox.status(ESTOP).gaps == 0
+    assert inbox.health_of(ESTOP).gaps == 0
 
 
 def test_per_source_topic_is_heard_from_everyone_but_oneself(bus: Bus) -> None:
@@ -135,7 +137,7 @@ def test_another_robot_is_not_heard(bus: Bus) -> None:
     publisher = Publisher(bus.session("sim"), "r2", ESTOP, "sim", 1)
     assert arrived(other, ESTOP, lambda: publisher.send(Estop(reason="stop")))
     inbox.begin_step(time.monotonic_ns())
-    assert inbox.status(ESTOP).received == 0
+    assert inbox.health_of(ESTOP).received == 0
 
 
 def test_foreign_bytes_on_a_key_are_refused_and_explained(bus: Bus) -> None:
@@ -146,13 +148,53 @@ def test_foreign_bytes_on_a_key_are_refused_and_explained(bus: Bus) -> None:
     def attempt() -> bool:
         session.put("draco3/plant/state", encode(message, message.header), encoding="text/plain")
         inbox.begin_step(time.monotonic_ns())
-        return inbox.status(PLANT_STATE).refused > 0
+        return inbox.health_of(PLANT_STATE).refused > 0
 
     assert until(attempt)
-    text = inbox.status(PLANT_STATE).last_refusal
+    text = inbox.health_of(PLANT_STATE).last_refusal
     assert "received no schema" in text
     assert "unknown field 'reason'" in text
     assert inbox.latest(PLANT_STATE) is None
+
+
+def test_senders_of_other_versions_are_heard_and_counted(bus: Bus) -> None:
+    """An older one lacks an optional field, a newer one has one more."""
+    inbox = bus.reader(bus.session("wbc"), PLANT_STATE)
+    session = bus.session("sim")
+    own = schema_tag(PlantState)
+    fields = msgpack.unpackb(encode(plant_state(), Header(boot=1)))
+    assert fields.pop("reset_count") == 2
+
+    number = itertools.count()
+
+    def send(fields: dict[str, Any], tag: str) -> None:
+        header = fields["header"] | {"seq": next(number)}
+        payload = msgpack.packb(fields | {"header": header})
+        session.put("draco3/plant/state", payload, encoding=f"application/msgpack;{tag}")
+
+    def shown(count: int, fields: dict[str, Any], tag: str) -> bool:
+        """Send until such a state is shown; earlier ones may still be under way."""
+
+        def attempt() -> bool:
+            send(fields, tag)
+            inbox.begin_step(time.monotonic_ns())
+            state = inbox.latest(PLANT_STATE)
+            return state is not None and state.reset_count == count
+
+        return until(attempt)
+
+    older, _, digests = own.rpartition(";")
+    assert len(digests) == 4  # of the one optional field
+    assert shown(0, fields, older)
+    assert shown(3, fields | {"reset_count": 3, "battery": 0.5}, f"{own}12ab")
+    (link,) = inbox.link_health()
+    assert 2 <= link.adapted <= link.received
+    assert link.refused == 0
+    # Once one of this version has come, those of the others are through.
+    assert shown(4, fields | {"reset_count": 4}, own)
+    counted = inbox.link_health()[0].adapted
+    assert shown(5, fields | {"reset_count": 5}, own)
+    assert inbox.link_health()[0].adapted == counted
 
 
 def test_tap_sees_everything_of_its_robot_with_tags(bus: Bus) -> None:
@@ -248,10 +290,10 @@ def test_clients_reach_each_other_through_a_router_and_its_successor(bus: Bus) -
     publisher = Publisher(bus.session("sim", client_config), "draco3", ESTOP, "sim", 1)
     assert arrived(inbox, ESTOP, lambda: publisher.send(Estop(reason=ESTOP_TEXT)))
     router.close()
-    received = inbox.status(ESTOP).received
+    received = inbox.health_of(ESTOP).received
     successor: Any = bus.session("router", router_config)
     assert arrived(inbox, ESTOP, lambda: publisher.send(Estop(reason=ESTOP_TEXT)))
-    assert inbox.status(ESTOP).received > received
+    assert inbox.health_of(ESTOP).received > received
     assert successor is not None
 
 

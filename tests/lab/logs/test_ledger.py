@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from common.journal.journal import UNKNOWN, Take
 from common.journal.ledger import STAGES, Ledger
-from common.schemas import Header, LinkChange, LinkHealth, Message, StepJournal, Stream
+from common.journal.tables import UNKNOWN, InputOutcome
+from common.schemas import Header, InputSource, LinkChange, LinkHealth, Message, StepJournal
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE, Topic
 from common.transport.keys import key_of
 from common.wire.codec import encode, schema_tag
@@ -31,14 +31,14 @@ CLOCK = 100 * SECOND
 """The consumer's clock is ahead of the logger's by this."""
 
 
-def row(step: int, stream: int, at_ns: int, **values: int) -> list[int]:
+def row(step: int, source: int, at_ns: int, **values: int) -> list[int]:
     """A message that arrived at a time of the consumer's clock: 3 ms wire, 1 ms encode."""
     offset = values.get("offset", -5 * SECOND)
     sent = at_ns - 3 * MS - (0 if offset == UNKNOWN else offset)
     return [
         step,
-        stream,
-        values.get("kind", Take.APPLIED),
+        source,
+        values.get("outcome", InputOutcome.APPLIED),
         values.get("seq", 0),
         sent - 3 * MS,
         sent,
@@ -51,19 +51,19 @@ def row(step: int, stream: int, at_ns: int, **values: int) -> list[int]:
     ]
 
 
-def journal(at_s: float, takes: list[list[int]], steps: int = 1) -> StepJournal:
+def journal(at_s: float, inputs: list[list[int]], steps: int = 1) -> StepJournal:
     """Steps 10 ms after ``at_s`` of the consumer's clock, used 5 ms later."""
     begun = round(at_s * SECOND) + 10 * MS
     return StepJournal(
         header=Header(sent=begun + 20 * MS, source="wbc", boot=3),
         service="wbc",
         first_step=0,
-        streams=[
-            Stream(topic="teleop/setpoint", source="teleop", boot=1),
-            Stream(topic="plant/state", source="sim", boot=2),
+        sources=[
+            InputSource(topic="teleop/setpoint", source="teleop", boot=1, schema_tag=""),
+            InputSource(topic="plant/state", source="sim", boot=2, schema_tag=""),
         ],
         steps=np.array([[begun, begun + 5 * MS]] * steps, "<i8").tobytes(),
-        takes=np.array(takes, "<i8").reshape(-1, 12).tobytes(),
+        inputs=np.array(inputs, "<i8").reshape(-1, 12).tobytes(),
     )
 
 
@@ -97,12 +97,12 @@ def second(number: int) -> StepJournal:
     """One set-point, held up ``number`` ms by the link, and two states in second ``number``."""
     at = 200.0 + number
     at_ns = round(at * SECOND)
-    takes = [
+    inputs = [
         row(0, 0, at_ns, injected=number * MS),
         row(0, 1, at_ns),
-        row(0, 1, at_ns, kind=Take.STALE),
+        row(0, 1, at_ns, outcome=InputOutcome.STALE),
     ]
-    return journal(at, takes)
+    return journal(at, inputs)
 
 
 def full_log(seconds: int = 10) -> Any:
@@ -120,7 +120,7 @@ def test_figures_are_those_of_the_rows() -> None:
     table = ledger_table(full_log())
     state, setpoint = table.inputs
     assert (state.topic, state.consumer, state.applied) == ("plant/state", "wbc", 10)
-    assert state.counts == {Take.APPLIED: 10, Take.STALE: 10}
+    assert state.counts == {InputOutcome.APPLIED: 10, InputOutcome.STALE: 10}
     figures = {stage.stage: (stage.median, stage.p99) for stage in state.stages}
     assert tuple(figures) == STAGES
     expected = {
@@ -144,8 +144,8 @@ def test_a_span_is_of_the_logs_time() -> None:
 
 def test_an_unknown_clock_is_left_out_of_wire_and_total() -> None:
     at = 200 * SECOND
-    takes = [row(0, 1, at), row(0, 1, at, offset=UNKNOWN), row(0, 1, at, offset=UNKNOWN)]
-    log: Any = FakeLog((JOURNAL, journal(200.0, takes)))
+    inputs = [row(0, 1, at), row(0, 1, at, offset=UNKNOWN), row(0, 1, at, offset=UNKNOWN)]
+    log: Any = FakeLog((JOURNAL, journal(200.0, inputs)))
     (state,) = ledger_table(log).inputs
     assert {name: len(some) for name, some in state.samples.items()} == dict.fromkeys(STAGES, 3) | {
         "wire": 1,
@@ -158,7 +158,10 @@ def test_links_are_separated_over_time() -> None:
         (LINK_CHANGE, change(200.0, "2ms")),
         *[(JOURNAL, second(number)) for number in range(5)],
         (LINK_CHANGE, change(204.5, "7ms loss=10%")),
-        (JOURNAL, journal(205.0, [row(0, 0, 205 * SECOND, kind=Take.LOST, injected=-1)])),
+        (
+            JOURNAL,
+            journal(205.0, [row(0, 0, 205 * SECOND, outcome=InputOutcome.LOST, injected=-1)]),
+        ),
         *[(JOURNAL, second(number)) for number in range(6, 9)],
         (LINK_CHANGE, change(208.5, "")),
         (JOURNAL, second(9)),
@@ -193,7 +196,7 @@ def test_the_requested_delay_of_an_unreadable_link_is_unknown() -> None:
 
 
 def test_damaged_journals_are_counted_and_passed_over() -> None:
-    bad = second(1).model_copy(update={"takes": bytes(95)})
+    bad = second(1).model_copy(update={"inputs": bytes(95)})
     ledger = Ledger()
     ledger.add(bad)
     assert (ledger.unreadable, ledger.rows()) == (1, [])

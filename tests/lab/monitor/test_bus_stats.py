@@ -59,16 +59,16 @@ def test_a_heartbeat_tells_life_sooner_than_health() -> None:
     stats.add([sample(robot.health("wbc", misses=0, median=0.0, p99=0.0), at=10.0)])
     (service,) = stats.snapshot(12 * SECOND).services
     assert (service.alive, service.heartbeat_age) == (True, None)
-    stats.add([sample(beat(robot, "wbc", promise=0.1), at=10.1)])
+    stats.add([sample(beat(robot, "wbc", timeout=0.1), at=10.1)])
     (service,) = stats.snapshot(round(10.3 * SECOND)).services
     assert service.alive
     assert service.silence == pytest.approx(0.2)
     (service,) = stats.snapshot(round(10.5 * SECOND)).services
     assert not service.alive
     # Another service's heartbeat does not count; a longer timeout does.
-    stats.add([sample(beat(robot, "sim", promise=0.1), at=10.45)])
+    stats.add([sample(beat(robot, "sim", timeout=0.1), at=10.45)])
     assert not stats.snapshot(round(10.5 * SECOND)).services[0].alive
-    stats.add([sample(beat(robot, "wbc", promise=1.0), at=10.45)])
+    stats.add([sample(beat(robot, "wbc", timeout=1.0), at=10.45)])
     assert stats.snapshot(round(12.5 * SECOND)).services[0].alive
 
 
@@ -123,9 +123,9 @@ def everything() -> BusStats:
     return stats
 
 
-def beat(robot: FakeRobot, source: str, promise: float) -> Pair:
+def beat(robot: FakeRobot, source: str, timeout: float) -> Pair:
     header = robot.header(HEARTBEAT, source)
-    return HEARTBEAT, Heartbeat(header=header, steps=1, promise=promise)
+    return HEARTBEAT, Heartbeat(header=header, steps=1, timeout=timeout)
 
 
 def watched() -> BusStats:
@@ -145,7 +145,7 @@ def watched() -> BusStats:
     ]  # fmt: skip
     peers = [
         PeerHealth(source="sim", alive=True, silent=0.03, clock_error=0.0),
-        PeerHealth(source="teleop", alive=False, silent=2.5, deaths=1, clock_error=0.0),
+        PeerHealth(source="teleop", alive=False, silent=2.5, losses=1, clock_error=0.0),
         PeerHealth(source="far", alive=True, silent=0.0, clock_offset=-0.2, clock_error=4e-4),
         PeerHealth(source="strange", alive=True, silent=0.0),
         PeerHealth(source="beatless", alive=False, silent=-1.0, clock_error=0.0),

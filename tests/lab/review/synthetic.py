@@ -162,9 +162,9 @@ class FakeRobot:
             header=self.header(JOURNAL, "wbc"),
             service="wbc",
             first_step=0,
-            streams=[],
+            sources=[],
             steps=b"",
-            takes=b"",
+            inputs=b"",
             settings=WbcConfig(gait=gait).model_dump_json(),
         )
 

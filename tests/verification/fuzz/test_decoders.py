@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from common.topics import ALL_TOPICS, PLANT_STATE, TELEOP_GAIT, Topic
-from common.wire import codec
+from common.wire import arrays
 from verification.fuzz.damage import DAMAGES
 from verification.fuzz.run import fuzz_topic
 
@@ -33,14 +33,14 @@ def test_same_seed_same_account() -> None:
 def test_a_decoder_that_lets_nan_through_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
     class Blind:
         def __getattr__(self, name: str) -> Any:
-            return getattr(codec_np, name)
+            return getattr(arrays_np, name)
 
         @staticmethod
         def isfinite(array: Any) -> Any:
-            return codec_np.ones(array.shape, bool)
+            return arrays_np.ones(array.shape, bool)
 
-    codec_np = codec.np  # type: ignore[attr-defined]
-    monkeypatch.setattr(codec, "np", Blind())
+    arrays_np = arrays.np  # type: ignore[attr-defined]
+    monkeypatch.setattr(arrays, "np", Blind())
     logging.disable(logging.WARNING)
     try:
         with pytest.raises(Exception, match="came through as"):

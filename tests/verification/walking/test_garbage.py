@@ -82,7 +82,7 @@ def test_garbage_is_refused_and_counted_and_the_robot_stands(
             stack.runner.inbox(service).offer(topic.name, payload, stack.runner.now_ns)
             sent += 1
         stack.run_for(0.05)
-    status = stack.runner.inbox(service).status(topic)
+    status = stack.runner.inbox(service).health_of(topic)
     assert status.refused == sent
     assert "expected" in status.last_refusal or "payload" in status.last_refusal
     assert not stack.fallen
@@ -97,7 +97,7 @@ def test_another_schema_is_refused_with_both_names() -> None:
     payload = good_payload(stack, PLANT_STATE)
     inbox.offer(WBC_COMMAND.name, payload, stack.runner.now_ns, schema_tag(PlantState))
     stack.run_for(0.05)
-    refusal = inbox.status(WBC_COMMAND).last_refusal
+    refusal = inbox.health_of(WBC_COMMAND).last_refusal
     assert "PlantState" in refusal
     assert "JointCommand" in refusal
     assert "acceleration" in refusal

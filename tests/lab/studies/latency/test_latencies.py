@@ -1,6 +1,7 @@
 import pytest
 
-from common.journal.journal import UNKNOWN, Journal, Take
+from common.journal.journal import Journal
+from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.schemas import Header
 from lab.studies.latency.latencies import Latencies, mean_p99
 from lab.studies.latency.row import link_take
@@ -11,14 +12,19 @@ AT = ("wbc", "teleop/setpoint")
 
 
 def step(
-    journal: Journal, now: int, *sent: int, kind: Take = Take.APPLIED, offset: int = 0
+    journal: Journal,
+    now: int,
+    *sent: int,
+    outcome: InputOutcome = InputOutcome.APPLIED,
+    offset: int = 0,
 ) -> None:
     """A step at ``now`` [ms] takes in what was sent at these times [ms], 100 ms on the link."""
-    journal.begin(now * MS)
+    journal.begin_step(now * MS)
     for time in sent:
         header = Header(sent=time * MS, source="teleop", boot=1)
-        journal.take(AT[1], kind, header, b"", (time * MS, 100 * MS, offset, 0))
-    journal.end(now * MS)
+        times = InputTimes(time * MS, 100 * MS, offset, 0)
+        journal.record(AT[1], outcome, header, b"", "", times)
+    journal.end_step(now * MS)
 
 
 def heard(journal: Journal) -> Latencies:
@@ -45,8 +51,8 @@ def test_a_step_acts_on_the_newest() -> None:
 
 def test_what_was_lost_or_overtaken_has_no_latency() -> None:
     journal = Journal("wbc")
-    step(journal, 400, 200, kind=Take.LOST)
-    step(journal, 410, 200, kind=Take.LATE)
+    step(journal, 400, 200, outcome=InputOutcome.LOST)
+    step(journal, 410, 200, outcome=InputOutcome.LATE)
     latencies = heard(journal)
     assert latencies.of(*AT) == []
     assert latencies.lost(*AT) == 1
