@@ -19,11 +19,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from common.errors import ConfigError, explain
+from common.errors import ConfigError
 from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
-from common.tables import overlaid
+from common.tables import overlaid, validated
 
 SHARED_TABLES = ("bus", "links", "runtime")
 """Tables of a configuration file that are for every service."""
@@ -223,10 +223,7 @@ def bus_config(
         is_list = field in {"listen", "connect"}
         values[field] = split_list(text) if is_list else text
     values |= {key: value for key, value in (arguments or {}).items() if value is not None}
-    try:
-        return BusConfig.model_validate(values)
-    except ValidationError as error:
-        raise ConfigError(f"the bus configuration is wrong: {explain(error)}") from error
+    return validated(BusConfig, values, what="the bus configuration")
 
 
 def bus_of(config: Path | None = None, **arguments: Any) -> BusConfig:

@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from common.errors import ConfigError, TrillError, explain, report
+from common.errors import ConfigError, TrillError, report
 from common.runtime.live.main import argument_parser, load_settings
 from common.runtime.live.realtime import enter_realtime
 from common.runtime.live.stopping import StopSignals
+from common.tables import validated
 from common.transport.config import split_list
 from services.logger.errors import LoggerError
 from services.logger.read.delivery import format_report
@@ -99,10 +98,7 @@ def settings_of(arguments: argparse.Namespace, table: dict[str, Any]) -> LoggerC
     settings = table | {name: value for name, value in given.items() if value is not None}
     if arguments.no_cameras:
         settings["exclude"] = (*settings.get("exclude", ()), "camera/**")
-    try:
-        return LoggerConfig.model_validate(settings)
-    except ValidationError as error:
-        raise ConfigError(f"the logger's configuration is wrong: {explain(error)}") from error
+    return validated(LoggerConfig, settings)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -21,14 +21,13 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from common.errors import ConfigError, TrillError, explain, report
+from common.errors import TrillError, report
 from common.links.config import Links, parse_link_options
 from common.runtime.live.config import RuntimeConfig
 from common.runtime.live.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.runtime.live.runner import LiveRunner
 from common.runtime.service import Service
+from common.tables import validated
 from common.transport.config import BusConfig, bus_config, read_config_file
 from common.transport.options import add_bus_options
 
@@ -128,10 +127,7 @@ def load_settings(
         priority = arguments.rt_priority
     if priority is not None:
         runtime_values["rt_priority"] = priority
-    try:
-        runtime = RuntimeConfig.model_validate(runtime_values)
-    except ValidationError as error:
-        raise ConfigError(f"the runtime configuration is wrong: {explain(error)}") from error
+    runtime = validated(RuntimeConfig, runtime_values, what="the runtime configuration")
     return bus, links, runtime, tables.get(name, {})
 
 
