@@ -165,9 +165,7 @@ class BusConfig(BaseModel):
 def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Read a TOML file of tables: :data:`SHARED_TABLES` and one for each service.
 
-    Args:
-        path: the file.
-        also: services that may have a table though :data:`PORT_OFFSETS` does not name them.
+    Services that may have a table are those of :data:`PORT_OFFSETS` and those in ``also``.
 
     Raises:
         ConfigError: the file cannot be read, is not TOML, or holds anything but known tables.

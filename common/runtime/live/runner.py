@@ -53,14 +53,10 @@ class LiveRunner:
         runtime: RuntimeConfig | None = None,
         realtime: str = "normal",
     ) -> None:
-        """Prepare; nothing is opened yet.
+        """Prepare to run ``service``; nothing is opened yet.
 
-        Args:
-            service: what to run.
-            bus: how to reach the bus.
-            links: delays to inject on its inputs.
-            runtime: pacing options.
-            realtime: the scheduling in force, for the health message.
+        ``links`` are the delays to inject on its inputs; ``realtime`` is the scheduling in force,
+        for the health message.
         """
         self._service = service
         self._bus = bus
