@@ -36,7 +36,8 @@ from services.logger.log_format import COMPRESSION
 from services.logger.record.config import LoggerConfig
 from services.logger.record.recorder import Recorder
 from services.logger.record.sink import McapSink
-from verification.faults.robot_load import RATES, make_messages
+from verification.faults.support import probes
+from verification.faults.support.messages import ROBOT_RATES, message_streams
 
 BLOCK_S = 0.25
 """Length of a block in robot time, and of a chunk [s]."""
@@ -47,23 +48,21 @@ Write = Callable[[Block], tuple[list[int], int]]
 
 def blocks(pictures: str, seconds: float) -> Iterator[Block]:
     """What a robot sends, block by block, with headers of their own."""
-    messages = make_messages(pictures)
-    counts = dict.fromkeys(messages, 0)
+    streams = message_streams(pictures)
+    counts = dict.fromkeys(streams, 0)
     start = time.monotonic_ns()
     for number in range(round(seconds / BLOCK_S)):
         block = []
-        for topic, rate in RATES:
-            if topic is EPISODE or topic.name not in messages:
+        for topic, rate in ROBOT_RATES.items():
+            if topic is EPISODE or topic not in streams:
                 continue
             schema: type[Message] = topic.schema
             tag = schema_tag(schema)
             for place in range(round(rate * BLOCK_S)):
                 at = start + round(1e9 * (number * BLOCK_S + place / rate))
-                seq = counts[topic.name]
-                counts[topic.name] += 1
-                choices = messages[topic.name]
-                header = Header(seq=seq, stamp=at, sent=at, boot=1, source="bench")
-                payload = encode(choices[seq % len(choices)], header)
+                header = Header(seq=counts[topic], stamp=at, sent=at, boot=1, source="bench")
+                counts[topic] += 1
+                payload = encode(next(streams[topic]), header)
                 block.append(RawSample(f"draco3/{topic.name}", payload, tag, at))
         block.sort(key=lambda sample: sample.arrival_ns)
         yield block
@@ -152,14 +151,8 @@ def live_share(pictures: str, seconds: float) -> dict[str, float]:
     with tempfile.TemporaryDirectory() as place, reserve_base_port() as port:
         out, journal = Path(place) / "out", Path(place) / "journal"
         bus = ["--base-port", str(port)]
-        load = _start(
-            "verification.faults.robot_load",
-            *bus,
-            "--pictures",
-            pictures,
-            "--journal",
-            str(journal),
-        )
+        options = ["--role", "source", "--pictures", pictures, "--journal", str(journal)]
+        load = _start(probes.MODULE, *bus, *options)
         recorder = _start("services.logger", *bus, "--out", str(out))
         try:
             log = out / "log.mcap"

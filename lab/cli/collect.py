@@ -1,6 +1,7 @@
-"""The subcommand ``trill collect``: demonstrations by the hundred from the synthetic operator."""
+"""``trill collect``: collect demonstrations of the synthetic operator, and inspect data sets."""
 
 import argparse
+import sys
 from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING
@@ -14,24 +15,24 @@ if TYPE_CHECKING:
     from lab.demonstrations.collect.config import EpisodeConfig
 
 DATASETS = Path("runs/datasets")
-TEXT = """Collect demonstrations of a task: a synthetic operator (a program with human-like hands,
-eyes and delays, no person) does it again and again in simulated time, each trial with a seed of its
+TEXT = """Collect demonstrations of a task. A synthetic operator, a program with the hands, eyes and
+delays of a person, does the task again and again in simulated time, each trial with a seed of its
 own, until there are as many successes as asked for.
 
-Each success becomes one HDF5 file of 20 Hz frames: pictures of both eyes, poses of feet and hands,
-the controller's state, the joints; hands, grippers, gait and neck as the operator set them; the
-robot time of each and how old it was. Names, units and frames are in the file. With pictures of
-400x300 a trial of door/unlock is about 6 MB; what a run will take is told before it begins.
+Each success becomes one HDF5 file of 20 Hz frames: pictures of both cameras, poses of feet and
+hands, the controller's state and the joints; hands, grippers, gait and neck as the operator set
+them; the robot time of each, and its age. Names, units and frames are in the file. With pictures of
+400x300 a trial of door/unlock takes about 6 MB; the estimate for a run is printed at its beginning.
 
-A run can be ended or killed at any moment; the same command goes on where it was. The episodes, to
-the byte, depend on neither that nor --jobs nor the machine. They do depend on this project's code:
-a data set begun by other code is not continued unless you accept it. A trial that fails is counted
-with its reason; its episode is kept only with --keep-failures.
+A run may be stopped or killed at any moment; the same command continues it. The bytes of the
+episodes depend neither on that nor on --jobs nor on the machine. They do depend on this project's
+code: a data set that other code began is not continued unless you accept that. A trial that fails
+is counted with its reason; its episode is kept only with --keep-failures.
 
-Exit code: 0 all there, 1 not (too few successes, something wrong in a data set), 2 wrong options,
-130 Ctrl-C."""
+Exit code: 0 done, 1 not (too few successes, or errors in a data set), 2 wrong options, 130
+Ctrl-C."""
 EXAMPLES = f"""examples:
-  trill tasks                                            the tasks there are
+  trill tasks                                            list the tasks
   trill collect door/unlock --episodes 250 --jobs 2
   trill collect door/unlock --episodes 500 --jobs 2      250 more into the same data set
   trill collect door/unlock --link both=250ms --out {DATASETS}/late
@@ -46,13 +47,13 @@ EXAMPLES = f"""examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill collect``."""
     add = parser.add_argument
-    add("task", nargs="?", help="which task, as door/unlock; trill tasks lists them")
+    add("task", nargs="?", help="name of the task, as door/unlock; trill tasks lists them")
     add(
         "--episodes",
         type=options.count,
         default=10,
         metavar="N",
-        help="number of successes, those of an earlier run included (10)",
+        help="number of successes, including those of an earlier run (10)",
     )
     options.add_executor_options(parser, default_jobs="1")
     add("--out", type=Path, metavar="DIR", help=f"the data set ({DATASETS}/<task>)")
@@ -66,12 +67,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--max-trials",
         type=options.count,
         metavar="N",
-        help="give up after so many trials (20 + 4 x --episodes)",
+        help="give up after this number of trials (20 + 4 x --episodes)",
     )
     add(
         "--accept-changes",
         action="store_true",
-        help="go on with a data set that other code began; each episode says which code made it",
+        help="continue a data set that other code began; each episode says which code made it",
     )
     trial = parser.add_argument_group("settings of every trial")
     options.add_trial_options(trial)
@@ -88,31 +89,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="make no pictures; they can be rendered later from the poses in the file",
     )
-    look = parser.add_argument_group("look at a data set, instead of collecting")
+    look = parser.add_argument_group("inspect a data set instead of collecting")
     look.add_argument("--info", type=Path, metavar="DIR", help="trials, successes, failures, times")
     look.add_argument(
-        "--sheet", type=Path, metavar="FILE.png", help="with --info: picture of an episode"
+        "--sheet", type=Path, metavar="FILE.png", help="with --info: draw an episode as a picture"
     )
-    look.add_argument("--episode", type=options.seed, metavar="SEED", help="of which (the first)")
+    look.add_argument("--episode", type=options.seed, metavar="SEED", help="with --sheet (first)")
     look.add_argument(
-        "--check",
-        type=Path,
-        metavar="DIR",
-        help="read every file, array, stamp and picture and say what is wrong",
+        "--check", type=Path, metavar="DIR", help="check every file, array, stamp and picture"
     )
     look.add_argument(
         "--remake",
         type=options.seed,
         metavar="SEED",
-        help="with --check: make that one again and compare the bytes",
+        help="with --check: make this trial again and compare the bytes",
     )
     look.add_argument(
-        "--reindex", type=Path, metavar="DIR", help="write index.jsonl anew from the files"
+        "--reindex", type=Path, metavar="DIR", help="rebuild index.jsonl from the files"
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what was asked for; 0, 1, or an exception of this project."""
+    """Collect, or inspect a data set; returns 0 or 1, or raises an exception of this project."""
     require("trill collect", "collect", "cv2", "h5py", "mujoco", "pinocchio", "scipy")
     asked = [arguments.task, arguments.info, arguments.reindex, arguments.check]
     if sum(value is not None for value in asked) != 1:
@@ -139,14 +137,12 @@ def _config(arguments: argparse.Namespace) -> "EpisodeConfig":
     from lab.trials.links import chosen_links
     from services.sim.errors import TaskError
 
-    values = options.trial_settings(arguments)
-    for name in ("task", "raw_hands", "keep_failures"):
-        values[name] = getattr(arguments, name)
+    def given(*names: str) -> dict[str, object]:
+        return {name: getattr(arguments, name) for name in names}
+
+    values = options.trial_settings(arguments) | given("task", "raw_hands", "keep_failures")
     values["links"] = chosen_links(arguments.link)
-    values["pictures"] = None
-    if not arguments.no_images:
-        names = ("width", "height", "quality")
-        values["pictures"] = {name: getattr(arguments, name) for name in names}
+    values["pictures"] = None if arguments.no_images else given("width", "height", "quality")
     try:
         return EpisodeConfig.checked(values)
     except TaskError as error:
@@ -154,35 +150,30 @@ def _config(arguments: argparse.Namespace) -> "EpisodeConfig":
 
 
 def _collect(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
-
     from lab.demonstrations.collect.collect import collect
-    from lab.demonstrations.collect.progress import Display, closing
-    from lab.demonstrations.collect.store import Store
+    from lab.demonstrations.collect.progress import CollectionBar, closing
+    from lab.demonstrations.collect.store import DatasetStore
     from lab.trials.executors import open_executor
 
     config = _config(arguments)
-    root = arguments.out or DATASETS / config.task.replace("/", "-")
-    console, began = Console(stderr=True), monotonic()
+    root, began = arguments.out or DATASETS / config.task.replace("/", "-"), monotonic()
     try:
-        with Display(console) as display:
+        with CollectionBar() as bar:
             progress = collect(
                 config,
-                Store(root),
+                DatasetStore(root),
                 lambda: open_executor(arguments.jobs, arguments.ray),
                 wanted=arguments.episodes,
                 first_seed=arguments.seed,
                 max_trials=arguments.max_trials or 20 + 4 * arguments.episodes,
                 accept_changes=arguments.accept_changes,
-                on_progress=display.update,
-                on_message=display.say,
+                on_progress=bar.update,
+                on_message=bar.say,
             )
     except KeyboardInterrupt:
-        text = f"\nended; what is done is in {root}: the same command goes on from there"
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        print(f"\nstopped; {root} is kept: the same command continues it", file=sys.stderr)
         raise
-    text = closing(progress, monotonic() - began)
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
+    print(closing(progress, monotonic() - began), file=sys.stderr)
     print(root)
     return 0 if progress.complete else 1
 
@@ -191,53 +182,48 @@ def _show(root: Path, seed: int | None, sheet: Path | None) -> int:
     """Print what is in a data set; draw the episode with this seed (None: the first)."""
     from rich.console import Console
 
-    from lab.demonstrations.collect.info import show, write_sheet
+    from lab.demonstrations.collect.info import table, write_sheet
+    from lab.demonstrations.collect.store import DatasetStore
 
-    console = Console()
-    show(root, console)
+    Console().print(table(DatasetStore(root).index()), markup=False)
     if sheet is not None:
         drawn = write_sheet(root, seed, sheet)
-        console.print(f"{sheet}: the episode with seed {drawn}", markup=False)
+        print(f"{sheet}: the episode with seed {drawn}")
     return 0
 
 
 def _reindex(root: Path) -> int:
-    """Write the index anew from the files."""
-    from rich.console import Console
-
-    from lab.demonstrations.collect.store import Store
+    """Rebuild the index from the files."""
+    from lab.demonstrations.collect.store import DatasetStore
     from lab.progress import ProgressBar
 
-    store, console = Store(root), Console()
-    # Before a lock is left in a directory that is no data set.
+    store = DatasetStore(root)
+    # First, so that no lock is left in a directory that is no data set.
     store.config()
     with store.locked(), ProgressBar("reading", len(store.files())) as bar:
         lines = store.scan(bar.advance)
         store.write_index(lines)
-    console.print(f"{root}: {len(lines)} trials in the index", markup=False, soft_wrap=True)
+    print(f"{root}: {len(lines)} trials in the index")
     return 0
 
 
 def _check(root: Path, seed: int | None) -> int:
-    """Check every file, and make the episode with this seed again; 1 if anything is wrong."""
-    from rich.console import Console
-
+    """Check every file, and make the trial with ``seed`` again; returns 1 if anything is wrong."""
     from lab.demonstrations.collect.check import check, remake
-    from lab.demonstrations.collect.store import Store
+    from lab.demonstrations.collect.store import DatasetStore
     from lab.progress import ProgressBar
 
-    store, console = Store(root), Console()
+    store = DatasetStore(root)
     files = store.files()
     with ProgressBar("checking", len(files)) as bar:
-        wrong = check(store, bar.advance)
+        problems = check(store, bar.advance)
     if seed is not None:
-        wrong += filter(None, [remake(store, seed)])
-    for text in wrong:
-        console.print(text, markup=False, highlight=False, soft_wrap=True)
+        problems += filter(None, [remake(store, seed)])
+    for problem in problems:
+        print(problem)
     again = "" if seed is None else f", seed {seed} made again"
-    text = f"{root}: {len(files)} trials read{again}; {len(wrong) or 'nothing'} wrong"
-    console.print(text, markup=False, highlight=False, soft_wrap=True)
-    return 1 if wrong else 0
+    print(f"{root}: {len(files)} trials read{again}; {len(problems) or 'nothing'} wrong")
+    return 1 if problems else 0
 
 
 ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -1,40 +1,38 @@
 """The subcommand ``trill dataset``: collected demonstrations in the formats of other projects."""
 
 import argparse
-from collections.abc import Callable
-from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
 from deploy.extras import require
 from lab.cli.commands import Action, Command, add_commands, run_chosen
+from lab.trials.options import whole_number
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from lab.demonstrations.export.selection import ExportInput
 
-    from lab.demonstrations.export.source import Source
-
-TEXT = """Hand demonstrations made by `trill collect` on to other projects' training code."""
+TEXT = """Export the demonstrations of `trill collect` for other projects' training code."""
 EXAMPLES = """examples:
   trill dataset export runs/datasets/door-unlock --format lerobot
   trill dataset export --help
 """
 EXPORT = """Export one or several data sets of `trill collect` as one data set of another format,
-loadable by that project's own loader. Numbers are the collected ones as float32, unscaled; names
-of all columns go along; so do seed, verdict and who operated the robot.
+which that project's own loader reads. Numbers are the collected ones as float32, not scaled. The
+export contains the names of all columns, and each episode's seed, verdict and operator.
 
 lerobot     a directory in format v3.0: observation.state (112 numbers: feet and hands, grippers,
             joints, controller state), action (18: hands, grippers, gait, neck),
             observation.images.left and right as mp4 or inside the tables, ages, success, the
-            task's goal as a sentence, figures to scale by.
-robomimic   one HDF5 file: obs/robot0_left_eef_pos, robot0_joint_vel, robot0_left_eye_image ...,
+            task's goal as a sentence, statistics to normalise by.
+robomimic   one HDF5 file: obs/robot0_left_eef_pos, robot0_joint_vel, robot0_left_camera_image,
             actions, rewards, dones, and masks train and valid (a tenth). Pictures are raw, as
-            robomimic wants them: 100 frames of 400x300 are 72 MB, so give a --width.
+            robomimic requires: 100 frames of 400x300 take 72 MB, so give a --width.
             Its policies act within -1 ... 1: train them on --scale-actions.
 
-Successes only, up to the judge's verdict: what the operator does afterwards is no demonstration
-of the task. The result is there whole or not at all; what was cut off is begun anew.
+Only successes are exported, up to the judge's verdict: what the operator does afterwards is no
+demonstration of the task. The export is written whole or not at all.
 
 Exit code: 0 done, 1 not, 2 wrong options, 130 Ctrl-C."""
 EXPORT_EXAMPLES = """examples:
@@ -48,6 +46,7 @@ EXPORT_EXAMPLES = """examples:
 FORMATS = ("lerobot", "robomimic")
 PICTURES = ("video", "embedded", "none")
 _LEROBOT_CRF = 18
+_PIXELS = whole_number(16, 1920)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -59,34 +58,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what was asked for; 0, or an exception of this project."""
+    """Run the chosen subcommand; returns 0, or raises an exception of this project."""
     return run_chosen(arguments, "dataset")
 
 
 def _export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument("dirs", nargs="+", type=Path, metavar="DIR", help="made by trill collect")
-    export.add_argument("--format", required=True, choices=FORMATS, help="whose loader reads it")
-    export.add_argument("--out", type=Path, help="directory or file to make (DIR with an ending)")
+    export.add_argument("--format", required=True, choices=FORMATS, help="format of the export")
+    export.add_argument("--out", type=Path, help="directory or file to write (DIR-FORMAT)")
     export.add_argument("--force", action="store_true", help="replace an earlier export")
-    which = export.add_argument_group("what is taken")
+    which = export.add_argument_group("selection")
     which.add_argument(
-        "--seeds", type=_range, default=(None, None), metavar="A:B", help="from A up to, not B"
+        "--seeds", type=_range, default=(None, None), metavar="A:B", help="seeds from A, below B"
     )
     which.add_argument(
-        "--failures", action="store_true", help="also what is no success, if it was kept"
+        "--failures", action="store_true", help="also kept episodes that are no success"
     )
     which.add_argument("--tail", action="store_true", help="also frames after the verdict")
     pictures = export.add_argument_group("pictures")
-    pictures.add_argument("--width", type=_pixels, help="scale to this; alone: keeps the shape")
-    pictures.add_argument("--height", type=_pixels, help="the same")
+    pictures.add_argument("--width", type=_PIXELS, help="scale to this; alone: in proportion")
+    pictures.add_argument("--height", type=_PIXELS, help="scale to this height")
     pictures.add_argument(
         "--pictures",
         choices=PICTURES,
-        help="lerobot: video (standard), or embedded in the tables without loss; robomimic: "
+        help="lerobot: video (default), or embedded in the tables without loss; robomimic: "
         "embedded; or none",
     )
     pictures.add_argument(
-        "--crf", type=_quality, help=f"video's quality, 0 best to 51 ({_LEROBOT_CRF})"
+        "--crf",
+        type=whole_number(0, 51),
+        help=f"video quality, 0 best to 51 ({_LEROBOT_CRF})",
     )
     pictures.add_argument(
         "--compress", action="store_true", help="robomimic: half the size, slower to train from"
@@ -94,7 +95,7 @@ def _export_options(export: argparse.ArgumentParser) -> None:
     export.add_argument_group("robomimic").add_argument(
         "--scale-actions",
         action="store_true",
-        help="each column to -1 ... 1 by its range; how, is in the file",
+        help="map each column to -1 ... 1 by its range, which the file contains",
     )
 
 
@@ -106,30 +107,15 @@ def _range(text: str) -> tuple[int | None, int | None]:
     return first, end
 
 
-def _pixels(text: str) -> int:
-    if not text.isdecimal() or not 16 <= int(text) <= 1920:
-        raise argparse.ArgumentTypeError(f"expected 16 to 1920 pixels, got {text!r}")
-    return int(text)
-
-
-def _quality(text: str) -> int:
-    if not text.isdecimal() or int(text) > 51:
-        raise argparse.ArgumentTypeError(f"expected a number from 0 to 51, got {text!r}")
-    return int(text)
-
-
 def _export(arguments: argparse.Namespace) -> int:
-    options = _options(arguments)
-    lerobot = arguments.format == "lerobot"
-    require(
-        f"trill dataset export --format {arguments.format}",
-        "lerobot" if lerobot else "collect",
-        *("cv2", "h5py"),
-        *(("av", "pyarrow") if lerobot else ()),
-    )
-    from lab.demonstrations.export.source import EpisodeSelection, choose
+    form, options = arguments.format, _format_options(arguments)
+    packages = ("av", "cv2", "h5py", "pyarrow") if form == "lerobot" else ("cv2", "h5py")
+    extra = "lerobot" if form == "lerobot" else "collect"
+    require(f"trill dataset export --format {form}", extra, *packages)
+    from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
+    from lab.progress import ProgressBar
 
-    choice = EpisodeSelection(
+    selection = EpisodeSelection(
         roots=tuple(arguments.dirs),
         seeds=arguments.seeds,
         failures=arguments.failures,
@@ -138,26 +124,20 @@ def _export(arguments: argparse.Namespace) -> int:
         height=arguments.height,
         pictures=arguments.pictures != "none",
     )
-    out = arguments.out or _beside(arguments.dirs, arguments.format)
-    source = choose(choice)
-    with _bar(source) as tick:
-        if arguments.format == "lerobot":
-            from lab.demonstrations.export import lerobot
-
-            lerobot.write(source, out, force=arguments.force, tick=tick, **options)
-        else:
-            from lab.demonstrations.export import robomimic
-
-            robomimic.write(source, out, force=arguments.force, tick=tick, **options)
-    _tell(source, out, arguments.format)
+    out = arguments.out or _beside(arguments.dirs, form)
+    source = select_episodes(selection)
+    write = import_module(f"lab.demonstrations.export.{form}").write
+    with ProgressBar("episodes", len(source.episodes)) as bar:
+        write(source, out, force=arguments.force, on_episode=bar.advance, **options)
+    _print_summary(source, out, form)
     return 0
 
 
-def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Options of the format alone.
+def _format_options(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of the format's ``write``.
 
     Raises:
-        ConfigError: an option belongs to the other format, or to nothing that is written.
+        ConfigError: an option belongs to the other format, or to pictures that are left out.
     """
     given = {
         "--crf": arguments.crf is not None,
@@ -190,26 +170,13 @@ def _beside(dirs: list[Path], form: str) -> Path:
     return root.with_name(f"{root.name}-{form}" + (".hdf5" if form == "robomimic" else ""))
 
 
-@contextmanager
-def _bar(source: "Source") -> "Iterator[Callable[[int], None]]":
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-    from rich.progress import TimeRemainingColumn as Remaining
-
-    columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), Remaining())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
-        row = bars.add_task("frames", total=source.frames)
-        yield lambda count: bars.advance(row, count)
-
-
-_LOADED = {
+_LOADERS = {
     "lerobot": "LeRobotDataset('trill/{name}', root='{out}')",
     "robomimic": "train.data = '{out}' in robomimic's config; train.hdf5_load_next_obs = false",
 }
 
 
-def _tell(source: "Source", out: Path, form: str) -> None:
+def _print_summary(source: "ExportInput", out: Path, form: str) -> None:
     files = [path for path in out.rglob("*") if path.is_file()] if out.is_dir() else [out]
     size = sum(path.stat().st_size for path in files)
     pictures = f"pictures {source.size[0]}x{source.size[1]}" if source.size else "no pictures"
@@ -217,7 +184,7 @@ def _tell(source: "Source", out: Path, form: str) -> None:
         f"{len(source.episodes)} episodes of {', '.join(source.tasks)}: {source.frames} frames, "
         f"{pictures}, {size * 1e-6:.1f} MB, by {', '.join(source.operators)} operator"
     )
-    print(f"to load it: {_LOADED[form].format(name=out.name, out=out)}")
+    print(f"to load it: {_LOADERS[form].format(name=out.name, out=out)}")
     print(out)
 
 

@@ -1,165 +1,168 @@
-"""``trill study add`` and ``trill study tlx``: trials and answers of persons."""
+"""The subcommands ``trill study add`` and ``trill study tlx``: trials and answers of persons."""
 
 import argparse
-import json
 import random
+import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
+from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
 from deploy.system import LOG_FILE
 from lab.cli.commands import Action, Command
+from lab.trials import options
 
 if TYPE_CHECKING:
-    from lab.studies.latency.plan import Plan
-    from lab.studies.latency.row import TrialRow
-    from lab.studies.latency.tlx import AnswerSheet, Scale
+    from lab.studies.latency.record import StudyTrial
+    from lab.studies.latency.tlx import Answers
 
-ADD = """Take in the trials of a person from a recorded log: verdict, time and contacts as the same
-judge saw them, latencies as the services measured them, and how the hands moved. Every trial of the
-log whose verdict was reached counts, whatever it was, but what passed before the operator came; all
-of them were done under one condition. A trial is taken in once: participant, task, condition and
-seed tell it. A log whose latencies are not those of the condition is refused; --anyway takes it in.
-Then write the report anew: trill study latency --report DIR."""
+ROOT = Path("runs/studies/latency")
+ADD = """Add a person's trials from a recorded log to the study: verdict, time and contacts as the
+task's judge gave them, latencies as the services measured them, and how the hands moved. Every
+judged trial of the log counts, except those before the operator came; all must have been done under
+one condition. A trial is identified by participant, task, condition and seed, and added once. A log
+whose latencies do not fit the condition is refused; --anyway adds it. Then write the report again:
+trill study latency --report DIR."""
 ADD_EXAMPLES = """examples:
   trill up --task door/unlock --seed 3 --latency command=250ms          in one terminal
   python -m services.teleop keyboard                                    in another, or a headset
   trill study add runs/20260131-120000 --participant P01 --condition latency-250
 """
-TLX = """Ask one person for the NASA Task Load Index, in this terminal: six scales from 0 to 100 in
-steps of 5, none filled in beforehand, then the 15 pairs in random order (--no-pairs leaves them
-out; the raw score needs none). Answers can be given in a file instead. The sheet is written when
-everything is answered; Ctrl-C leaves nothing behind."""
+TLX = """Ask one person for the NASA Task Load Index in this terminal: six scales from 0 to 100 in
+steps of 5, then the 15 pairs of scales in random order (--no-pairs leaves them out; only the
+weighted score needs them). The answers can be given in a file instead. The sheet is written when
+all questions are answered; Ctrl-C before that leaves nothing behind."""
 TLX_EXAMPLES = """examples:
   trill study tlx --participant P01 --task door/unlock --condition interpolation --seeds 3 4 5
   trill study tlx --participant P01 --task door/unlock --condition raw --answers p01.json
 
-a file of answers; `choices` may be left out, and then has no weighted score:
+a file of answers; `weights` (how often each scale was chosen, 15 in all) may be left out:
   {"ratings": {"mental": 55, "physical": 20, "temporal": 40, "performance": 10, "effort": 60,
-   "frustration": 25}, "choices": [{"pair": ["effort", "mental"], "chosen": "mental"}, ... all 15],
-   "remarks": ""}
+   "frustration": 25}, "weights": {"mental": 5, "physical": 4, "temporal": 3, "performance": 2,
+   "effort": 1, "frustration": 0}, "remarks": ""}
 """
 
 
-def commands(root: Path) -> tuple[Command, Command]:
-    """Both, as subcommands of ``trill study``; ``root`` is the usual directory."""
-    return (
-        Command(
-            "add",
-            "take in a person's trials from a log",
-            Action(ADD, ADD_EXAMPLES, lambda parser: _add_options(parser, root), _add),
-        ),
-        Command(
-            "tlx",
-            "ask a person for the workload",
-            Action(TLX, TLX_EXAMPLES, lambda parser: _tlx_options(parser, root), _tlx),
-        ),
-    )
-
-
-def _add_options(add: argparse.ArgumentParser, root: Path) -> None:
+def _add_options(add: argparse.ArgumentParser) -> None:
     add.add_argument("log", type=Path, help="the run's directory or its log")
     add.add_argument(
-        "--anyway",
-        action="store_true",
-        help="also where measured latencies are not the condition's",
+        "--anyway", action="store_true", help="also if measured latencies do not fit the condition"
     )
-    _session_options(add, root)
+    _session_options(add)
 
 
-def _tlx_options(tlx: argparse.ArgumentParser, root: Path) -> None:
-    tlx.add_argument("--task", required=True, help="which was done")
-    tlx.add_argument("--seeds", type=int, nargs="*", default=[], help="of the trials it is about")
-    tlx.add_argument("--no-pairs", action="store_true", help="only the six scales")
-    tlx.add_argument("--remarks", default="", help="of the person; asked for if not given")
-    tlx.add_argument("--answers", type=Path, metavar="FILE.json", help="do not ask; take these")
-    _session_options(tlx, root)
+def _tlx_options(tlx: argparse.ArgumentParser) -> None:
+    tlx.add_argument("--task", required=True, help="the task that was done")
+    tlx.add_argument(
+        "--seeds", type=options.seed, nargs="*", default=[], help="seeds of the person's trials"
+    )
+    tlx.add_argument("--no-pairs", action="store_true", help="ask only for the six scales")
+    tlx.add_argument("--remarks", help="remarks of the person")
+    tlx.add_argument("--answers", type=Path, metavar="FILE.json", help="take the answers from FILE")
+    _session_options(tlx)
 
 
-def _session_options(parser: argparse.ArgumentParser, root: Path) -> None:
-    parser.add_argument("--participant", required=True, help="pseudonym, as P01; never a name")
-    parser.add_argument("--condition", required=True, help="its name in the study")
-    parser.add_argument("--out", type=Path, default=root, help=f"the study ({root})")
+def _session_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--participant", required=True, type=_pseudonym, help="pseudonym, as P01; never a name"
+    )
+    parser.add_argument("--condition", required=True, help="name of the condition in the study")
+    parser.add_argument("--out", type=Path, default=ROOT, help=f"the study's folder ({ROOT})")
+
+
+def _pseudonym(text: str) -> str:
+    from lab.studies.latency.tlx import PSEUDONYM
+
+    if not re.fullmatch(PSEUDONYM, text):
+        raise argparse.ArgumentTypeError(
+            f"expected letters, digits, - and _, 40 at most; got {text!r}"
+        )
+    return text
 
 
 def _add(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.progress import Progress
-
     from lab.errors import LatencyStudyError
-    from lab.studies.latency.fromlog import trials_of
-    from lab.studies.latency.store import Store
-    from lab.studies.latency.tlx import is_pseudonym
+    from lab.progress import ProgressBar
+    from lab.studies.latency.human_trials import read_trials
+    from lab.studies.latency.store import StudyStore
     from services.logger.read.reader import LogReader
 
-    store = Store(arguments.out)
+    store = StudyStore(arguments.out)
     plan = store.plan()
     condition = plan.condition(arguments.condition)
-    if not is_pseudonym(arguments.participant):
-        raise ConfigError(
-            f"--participant: expected letters, digits, - and _, 40 at most; got "
-            f"{arguments.participant!r}"
-        )
     path = arguments.log / LOG_FILE if arguments.log.is_dir() else arguments.log
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        bar = progress.add_task("reading the log", total=None)
-        rows = trials_of(
-            LogReader(path), arguments.participant, condition, lambda: progress.advance(bar)
-        )
-    known = {row.key for row in store.human_rows()}
-    # All or none: half a log taken in could not be told from a whole one.
-    for row in rows:
-        if row.task not in plan.tasks:
+    with ProgressBar("reading the log") as bar:
+        trials = read_trials(LogReader(path), arguments.participant, condition, bar.advance)
+    known = {trial.key for trial in store.human_trials()}
+    # All trials are checked first: a log that is added in part looks like a complete one.
+    for trial in trials:
+        if trial.task not in plan.tasks:
             raise LatencyStudyError(
-                f"{path}: {row.task} is not in the study {store.root}; expected one of "
-                f"{', '.join(plan.tasks)}; nothing taken in"
+                f"{path}: {trial.task} is not in the study {store.root}; expected one of "
+                f"{', '.join(plan.tasks)}; nothing was added"
             )
-        if not arguments.anyway and row.key not in known:
-            _check_latencies(path, row)
-    for row in rows:
-        text = f"{row.task} {row.condition} seed {row.seed}, {row.participant}"
-        if row.key in known:
+        if not arguments.anyway and trial.key not in known:
+            _check_latencies(path, trial)
+    for trial in trials:
+        text = f"{trial.task} {trial.condition} seed {trial.seed}, {trial.participant}"
+        if trial.key in known:
             print(f"{text}: there already, left as it is")
             continue
-        known.add(row.key)
-        store.add(row)
-        measured = row.command.mean
-        late = "not measured" if measured is None else f"{1e3 * measured:.0f} ms"
+        known.add(trial.key)
+        store.add(trial)
+        mean = trial.command.mean
         print(
-            f"{text}: {row.verdict} at {row.time:.1f} s; command latency asked for "
-            f"{1e3 * row.command.asked_mean:.0f} ms, measured {late}"
+            f"{text}: {trial.verdict} at {trial.time:.1f} s; command latency: requested "
+            f"{1e3 * trial.command.asked_mean:.0f} ms, measured "
+            + ("nothing" if mean is None else f"{1e3 * mean:.0f} ms")
         )
     return 0
 
 
-def _check_latencies(path: Path, row: "TrialRow") -> None:
+def _check_latencies(path: Path, trial: "StudyTrial") -> None:
     from lab.errors import LatencyStudyError
-    from lab.studies.latency.row import OWN_COMMAND, OWN_FEEDBACK
+    from lab.studies.latency.record import OWN_LATENCY
 
-    for name, take, own in (
-        ("command", row.command, OWN_COMMAND),
-        ("feedback", row.feedback, OWN_FEEDBACK),
-    ):
-        if not take.agrees(own):
+    for name, own in OWN_LATENCY.items():
+        link = getattr(trial, name)
+        if not link.agrees(own):
             raise LatencyStudyError(
-                f"{path}: {row.task} seed {row.seed}: condition {row.condition} asks for "
-                f"{1e3 * take.asked_mean:.0f} ms of {name} latency, measured were "
-                f"{1e3 * (take.mean or 0.0):.0f} ms; is it the log of another condition? Nothing "
-                "taken in; --anyway takes it in all the same"
+                f"{path}: {trial.task} seed {trial.seed}: condition {trial.condition} asks for "
+                f"{1e3 * link.asked_mean:.0f} ms of {name} latency, measured were "
+                f"{1e3 * link.mean:.0f} ms; is it the log of another condition? Nothing was added; "
+                "--anyway adds it all the same"
             )
 
 
 def _tlx(arguments: argparse.Namespace) -> int:
-    from lab.studies.latency.store import SHEETS, Store
-    from lab.studies.latency.tlx import write_sheet
+    from lab.studies.latency.store import SHEETS, StudyStore
+    from lab.studies.latency.tlx import AnswerSheet, write_sheet
 
-    store = Store(arguments.out)
-    _check_in_plan(store.plan(), arguments)
-    sheet = _from_file(arguments) if arguments.answers is not None else _asked(arguments)
+    store = StudyStore(arguments.out)
+    plan = store.plan()
+    plan.condition(arguments.condition)
+    if arguments.task not in plan.tasks:
+        raise ConfigError(
+            f"--task: {arguments.task!r} is not in the study; expected {' or '.join(plan.tasks)}"
+        )
+    if arguments.answers is not None:
+        answers = _read_answers(arguments.answers)
+    elif sys.stdin.isatty():
+        answers = ask(input, random.SystemRandom(), pairs=not arguments.no_pairs)
+    else:
+        raise ConfigError("the input is no terminal; expected --answers FILE.json")
+    sheet = AnswerSheet(
+        participant=arguments.participant,
+        task=arguments.task,
+        condition=arguments.condition,
+        seeds=arguments.seeds,
+        date=datetime.now().astimezone().replace(microsecond=0),
+        **answers.model_dump() | ({"remarks": arguments.remarks} if arguments.remarks else {}),
+    )
     path = write_sheet(store.root / SHEETS, sheet)
     weighted = sheet.weighted_score
     scores = f"raw score {sheet.raw_score:.1f}"
@@ -168,118 +171,59 @@ def _tlx(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _check_in_plan(plan: "Plan", arguments: argparse.Namespace) -> None:
-    plan.condition(arguments.condition)
-    if arguments.task not in plan.tasks:
-        raise ConfigError(
-            f"--task: {arguments.task!r} is not in the study; expected {' or '.join(plan.tasks)}"
-        )
+def _read_answers(path: Path) -> "Answers":
+    from lab.studies.latency.tlx import Answers
 
-
-def _sheet(arguments: argparse.Namespace, answers: dict[str, Any]) -> "AnswerSheet":
-    from lab.studies.latency.tlx import AnswerSheet, now
-
-    values = {
-        "participant": arguments.participant,
-        "task": arguments.task,
-        "condition": arguments.condition,
-        "seeds": arguments.seeds,
-        "remarks": arguments.remarks,
-        "date": now().isoformat(),
-    }
     try:
-        # Through JSON, as a file of answers comes: lists are tuples there.
-        return AnswerSheet.model_validate_json(json.dumps(values | answers))
+        return Answers.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise ConfigError(f"cannot read {path}: {error.strerror}") from error
     except ValidationError as error:
-        raise ConfigError(f"a value is wrong, nothing written:\n{explain(error)}") from error
+        raise ConfigError(f"{path}: nothing was written:\n{explain(error)}") from error
 
 
-def _from_file(arguments: argparse.Namespace) -> "AnswerSheet":
-    path: Path = arguments.answers
-    try:
-        answers = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"cannot read the answers {path}: {error}") from error
-    if not isinstance(answers, dict):
-        raise ConfigError(f"{path}: expected an object with ratings, got {type(answers).__name__}")
-    for name in ("participant", "task", "condition"):
-        if answers.get(name, getattr(arguments, name)) != getattr(arguments, name):
-            raise ConfigError(
-                f"{path} is of {name} {answers[name]!r}, the option says "
-                f"{getattr(arguments, name)!r}; which?"
-            )
-    return _sheet(arguments, answers)
-
-
-def _asked(arguments: argparse.Namespace) -> "AnswerSheet":
-    if not sys.stdin.isatty():
-        raise ConfigError("nobody to ask: the input is no terminal; give --answers FILE.json")
-    _sheet_without_answers(arguments)
-    answers = ask(input, print, random.SystemRandom(), pairs=not arguments.no_pairs)
-    if not arguments.remarks:
-        answers["remarks"] = _line(input, "Remarks, or Enter: ")
-    return _sheet(arguments, answers)
-
-
-def _sheet_without_answers(arguments: argparse.Namespace) -> None:
-    """Refuse wrong options before a person answers for nothing."""
-    from lab.studies.latency.tlx import SCALES
-
-    _sheet(arguments, {"ratings": dict.fromkeys(SCALES, 0)})
-
-
-def ask(
-    read: Callable[[str], str],
-    show: Callable[[str], None],
-    rng: random.Random,
-    *,
-    pairs: bool,
-) -> dict[str, Any]:
-    """Ask for the scales and the pairs, again and again until each answer is one.
+def ask(read: Callable[[str], str], rng: random.Random, *, pairs: bool) -> "Answers":
+    """Ask for the scales and, if wanted, for the pairs; a wrong answer is asked for again.
 
     Args:
-        read: shows a prompt and returns what was typed.
-        show: shows a line.
-        rng: order of the pairs.
-        pairs: whether to ask for them.
-
-    Returns:
-        ``ratings`` and ``choices`` for a sheet.
+        read: shows a prompt and returns what was typed, like :func:`input`.
+        rng: decides the order of the pairs and of the scales in each pair.
+        pairs: whether to ask for the pairs.
 
     Raises:
-        ConfigError: the input ended before everything was answered.
+        ConfigError: the input ended before all questions were answered.
     """
-    from lab.studies.latency.tlx import SCALES, shuffled_pairs
+    from lab.studies.latency.tlx import PAIRS, SCALES, STEP, Answers
 
-    show("Six scales, each from 0 to 100 in steps of 5.\n")
-    ratings: dict[Scale, int] = {}
-    for scale, text in SCALES.items():
-        show(f"{text.title}: {text.question}")
-        ratings[scale] = _rating(read, show, f"  {text.low} 0 ... 100 {text.high}: ")
-    choices: list[dict[str, Any]] = []
-    if pairs:
-        show("\nWhich of the two contributed more to the workload of this task? 1 or 2.\n")
-        for number, pair in enumerate(shuffled_pairs(rng), start=1):
-            first, second = (SCALES[scale].title for scale in pair)
-            prompt = f"  {number:2}/15   1 {first}   2 {second}: "
-            while (answer := _line(read, prompt)) not in {"1", "2"}:
-                show(f"  expected 1 or 2, got {answer!r}")
-            choices.append({"pair": pair, "chosen": pair[int(answer) - 1]})
-    return {"ratings": ratings, "choices": choices}
-
-
-def _rating(read: Callable[[str], str], show: Callable[[str], None], prompt: str) -> int:
-    while True:
-        answer = _line(read, prompt)
-        if answer.isdecimal() and int(answer) <= 100 and int(answer) % 5 == 0:
-            return int(answer)
-        show(f"  expected 0, 5, 10 ... 100, got {answer!r}")
-
-
-def _line(read: Callable[[str], str], prompt: str) -> str:
+    steps = [str(step) for step in range(0, 101, STEP)]
+    weights = dict.fromkeys(SCALES, 0) if pairs else None
     try:
-        return read(prompt).strip()
+        print(f"Six scales, each from 0 to 100 in steps of {STEP}.\n")
+        ratings = {}
+        for scale, text in SCALES.items():
+            print(f"{text.title}: {text.question}")
+            ratings[scale] = int(_choose(read, f"  {text.low} 0 ... 100 {text.high}: ", steps))
+        if weights is not None:
+            print("\nWhich of the two contributed more to the workload of this task? 1 or 2.\n")
+            for number, pair in enumerate(rng.sample(PAIRS, len(PAIRS)), start=1):
+                first, second = rng.sample(pair, 2)
+                prompt = f"  {number:2}/15   1 {SCALES[first].title}   2 {SCALES[second].title}: "
+                weights[first if _choose(read, prompt, ["1", "2"]) == "1" else second] += 1
+        remarks = read("Remarks, or Enter: ").strip()
     except EOFError as error:
-        raise ConfigError("the input ended before everything was answered; nothing written") from (
-            error
-        )
+        raise ConfigError("the input ended early; nothing was written") from error
+    return Answers(ratings=ratings, weights=weights, remarks=remarks)
+
+
+def _choose(read: Callable[[str], str], prompt: str, choices: Collection[str]) -> str:
+    while (answer := read(prompt).strip()) not in choices:
+        print(f"  expected {', '.join(choices)}; got {answer!r}")
+    return answer
+
+
+COMMANDS = (
+    Command(
+        "add", "add a person's trials from a log", Action(ADD, ADD_EXAMPLES, _add_options, _add)
+    ),
+    Command("tlx", "ask a person for the workload", Action(TLX, TLX_EXAMPLES, _tlx_options, _tlx)),
+)

@@ -17,7 +17,7 @@ EXAMPLES = """examples:
   trill tasks --physics > physics.md
   trill tasks --pictures docs/tasks
   trill demo --task door/unlock --seed 7                     see it done, live
-  python -m lab.studies.tasks film all --out docs/tasks      draw a success of each task
+  python -m lab.studies.tasks pictures all --out docs/tasks  draw a success of each task
 """
 
 

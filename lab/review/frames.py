@@ -15,6 +15,7 @@ Image = NDArray[np.uint8]
 OnProgress = Callable[[int, int], None]
 """Called with the number of finished steps and their total."""
 
+_JPEG_QUALITIES = (88, 82, 76, 70, 62, 54, 46)
 _WHITE, _SHADE = (255, 255, 255), (20, 24, 28)
 
 
@@ -54,8 +55,14 @@ def letterbox(image: Image, width: int, height: int) -> Image:
     return background
 
 
-def write_picture(path: Path, image: Image) -> None:
+def write_picture(path: Path, image: Image, *, largest_jpeg: int | None = None) -> None:
     """Write ``image`` in the format of the file name's suffix, atomically.
+
+    Args:
+        path: the file.
+        image: the picture.
+        largest_jpeg: size that a JPEG file should have at most, at the best quality possible
+            [bytes]; None: the usual quality.
 
     Raises:
         LabError: the file cannot be written, or the suffix is not that of an image format.
@@ -63,7 +70,13 @@ def write_picture(path: Path, image: Image) -> None:
     # Not with imwrite, which returns success on a full disk.
     if not cv2.haveImageWriter(str(path)):
         raise LabError(f"cannot write {path}: expected a name such as picture.png")
-    _, encoded = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    _, encoded = cv2.imencode(path.suffix, bgr)
+    if largest_jpeg is not None and path.suffix.lower() in {".jpg", ".jpeg"}:
+        for quality in _JPEG_QUALITIES:
+            _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+            if encoded.size <= largest_jpeg:
+                break
     try:
         write_whole(path, encoded.tobytes())
     except OSError as error:

@@ -1,7 +1,7 @@
 """Runs many trials at a time, in order, and replaces workers that are lost.
 
-One engine serves collecting, task tables and studies. It knows neither what a trial is nor where
-results are kept: a key stands for a trial, a function turns it into a result, and callbacks hear of
+Collecting, task tables and studies share it. It depends neither on what a trial is nor on where
+results are kept: a key identifies a trial, a function turns it into a result, and a callback gets
 both.
 """
 

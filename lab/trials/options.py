@@ -1,6 +1,7 @@
 """Command-line options about trials, which several commands share."""
 
 import argparse
+from collections.abc import Callable
 from typing import Any
 
 from services.teleop.synthetic.traits import TRAITS
@@ -11,26 +12,19 @@ _LINK_HELP = (
 )
 
 
-def count(text: str) -> int:
-    """Parse a number from 1 up, for ``type=`` of an option.
+def whole_number(low: int, high: int | None = None) -> Callable[[str], int]:
+    """Return a parser of numbers from ``low`` to ``high``, for ``type=`` of an option."""
+    limits = f"from {low} up" if high is None else f"from {low} to {high}"
 
-    Raises:
-        argparse.ArgumentTypeError: it is none.
-    """
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a number from 1 up, got {text!r}")
-    return int(text)
+    def parse(text: str) -> int:
+        if not text.isdecimal() or int(text) < low or (high is not None and int(text) > high):
+            raise argparse.ArgumentTypeError(f"expected a number {limits}, got {text!r}")
+        return int(text)
+
+    return parse
 
 
-def seed(text: str) -> int:
-    """Parse a seed, a number from 0 up.
-
-    Raises:
-        argparse.ArgumentTypeError: it is none.
-    """
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"expected a number from 0 up, got {text!r}")
-    return int(text)
+count, seed = whole_number(1), whole_number(0)
 
 
 def seed_range(text: str) -> range:
@@ -50,7 +44,7 @@ def seed_range(text: str) -> range:
 
 
 def add_executor_options(parser: "argparse._ActionsContainer", default_jobs: str) -> None:
-    """Add ``--jobs`` and ``--ray``; the latter's help says who runs the trials."""
+    """Add ``--jobs`` and ``--ray``, which choose the workers."""
     parser.add_argument(
         "--jobs",
         type=count,

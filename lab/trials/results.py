@@ -9,13 +9,11 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.errors import explain
 from common.files import append_line
-from common.topics import TELEOP_SETPOINT
-from lab.errors import LabError, StoppedError
+from lab.errors import LabError
 from lab.trials.campaign import Executor, run_campaign
 from lab.trials.provenance import CodeVersion, code_version
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.stack import TaskStack
-from lab.trials.workers import stop_wanted
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -143,17 +141,7 @@ def run_trial(code: CodeVersion, spec: TrialSpec) -> TrialResult:
         LabError: this process runs other code than ``code``.
     """
     code.check(code_version(_CODE))
-    stack = TaskStack(spec)
-
-    def check_stop(_setpoint: object) -> None:
-        if stop_wanted():
-            raise StoppedError("the trial was given up")
-
-    stack.runner.on_message(TELEOP_SETPOINT, check_stop)
-    try:
-        return stack.run()
-    finally:
-        stack.runner.close()
+    return TaskStack(spec).run()
 
 
 def run_trials(

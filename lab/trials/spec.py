@@ -1,11 +1,28 @@
 """Describes one trial of a task in simulated time: its settings, and its result."""
 
-from collections.abc import Mapping
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from statistics import median
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
+from common.errors import ConfigError, explain
+from common.links.config import Links
 from services.teleop.synthetic.traits import OperatorTraits
+
+M = TypeVar("M", bound=BaseModel)
+
+
+def _check_links(links: Mapping[str, str]) -> dict[str, str]:
+    try:
+        Links.from_table(links)
+    except ConfigError as error:
+        raise ValueError(str(error)) from error
+    return dict(sorted(links.items()))
+
+
+LinkTable = Annotated[Mapping[str, str], AfterValidator(_check_links)]
+"""Injected delays by name, for instance ``{"both": "250ms"}``, sorted by name."""
 
 
 class TrialSettings(BaseModel):
@@ -34,20 +51,14 @@ class TrialSpec(TrialSettings):
     Attributes:
         task: name of the task, for instance ``door/unlock``.
         seed: seed of the start, the noise, the links and the operator alike.
-        links: injected delays by name, for instance ``{"both": "250ms"}``, and no others; None:
-            the task's own links.
+        links: injected delays, and no others; None: the task's own links.
         raw_hands: whether the controller uses hand set-points without interpolation.
     """
 
     task: str
     seed: int = Field(ge=0)
-    links: Mapping[str, str] | None = None
+    links: LinkTable | None = None
     raw_hands: bool = False
-
-    @field_validator("links")
-    @classmethod
-    def _sorted(cls, links: Mapping[str, str] | None) -> Mapping[str, str] | None:
-        return None if links is None else dict(sorted(links.items()))
 
     def __str__(self) -> str:
         return f"{self.task} with seed {self.seed}"
@@ -88,3 +99,43 @@ class TrialResult(BaseModel):
     simulated: float = 0.0
     wall: float = 0.0
     links: Mapping[str, str] = Field(default_factory=dict)
+
+
+def format_spread(times: Sequence[float]) -> str:
+    """Format times as median and range, ``8.5 (6.0 to 10.0)``; empty without any."""
+    return f"{median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else ""
+
+
+def validated(model: type[M], values: Mapping[str, Any]) -> M:
+    """Return the model with these values, which come from options or a file.
+
+    Raises:
+        ConfigError: a value is wrong.
+    """
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        raise ConfigError(explain(error)) from error
+
+
+def settings_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    """Return ``name: one | other`` for each value that differs; nested ones as ``group.name``.
+
+    Args:
+        one: settings as JSON values.
+        other: the settings they are compared with.
+    """
+    found = []
+    for name in dict.fromkeys([*one, *other]):
+        here, there = (settings.get(name, "absent") for settings in (one, other))
+        if isinstance(here, Mapping) and isinstance(there, Mapping):
+            found += [f"{name}.{text}" for text in settings_differences(here, there)]
+        elif here != there:
+            found.append(f"{name}: {_format(here)} | {_format(there)}")
+    return found
+
+
+def _format(value: Any) -> str:
+    if value is None:
+        return "none"
+    return ", ".join(map(str, value)) if isinstance(value, list) else str(value)

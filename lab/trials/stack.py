@@ -2,12 +2,15 @@
 
 from time import perf_counter
 
+from common.errors import TrillError
 from common.plant.config import TorqueMode
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import TaskStatus, TaskVerdict
 from common.topics import TASK_STATUS
+from lab.errors import StoppedError
 from lab.trials.links import links_used
 from lab.trials.spec import TrialResult, TrialSpec
+from lab.trials.workers import Stop, stop_request
 from services.sim.config import SimConfig
 from services.sim.service import PlantService
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
@@ -68,23 +71,63 @@ class TaskStack:
         """Whether the judge has given its verdict."""
         return self.status is not None and self.status.verdict is not TaskVerdict.RUNNING
 
-    def run(self) -> TrialResult:
-        """Run until the verdict; the time limit of the task ends the trial in any case."""
+    def run(self, stop: Stop | None = None) -> TrialResult:
+        """Run until the verdict and close the services.
+
+        The time limit of the task ends the trial in any case.
+
+        Args:
+            stop: requests that the trial is given up; None: the request to this process.
+
+        Raises:
+            StoppedError: the trial was given up.
+        """
+        stop = stop or stop_request()
         began = perf_counter()
-        while not self.over:
-            self.runner.run_for(0.1)
-        self.runner.run_for(SECONDS_AFTER_VERDICT)
+        try:
+            while not self.over:
+                if stop.is_set():
+                    raise StoppedError("the trial was given up")
+                self.runner.run_for(0.1)
+            self.runner.run_for(SECONDS_AFTER_VERDICT)
+        finally:
+            self.runner.close()
         assert self.status is not None
+        verdict = self.status.verdict.name.lower()
+        return self._result(verdict, self.status.reason, perf_counter() - began)
+
+    def run_or_error(self, stop: Stop | None = None) -> TrialResult:
+        """Run the trial like :meth:`run`; if its simulation fails, the verdict is ``error``.
+
+        Raises:
+            StoppedError: the trial was given up.
+        """
+        began = perf_counter()
+        try:
+            result = self.run(stop)
+        except StoppedError:
+            raise
+        except TrillError as error:
+            reason = f"{type(error).__name__}: {error}"[:400]
+            return self._result("error", reason, perf_counter() - began)
+        if self.plant.plant.reset_count:
+            reason = "the physics diverged and the plant was reset"
+            return result.model_copy(update={"verdict": "error", "reason": reason})
+        return result
+
+    def _result(self, verdict: str, reason: str, wall: float) -> TrialResult:
+        status = self.status
+        stages = [] if status is None else status.stages
         return TrialResult(
             task=self.spec.task,
             seed=self.spec.seed,
-            verdict=self.status.verdict.name.lower(),
-            time=self.status.time,
-            reason=self.status.reason,
+            verdict=verdict,
+            time=0.0 if status is None else status.time,
+            reason=reason,
             gave_up=self.operator.failure,
             doing=self.operator.note,
-            stages=tuple(stage.name for stage in self.status.stages if stage.done),
+            stages=tuple(stage.name for stage in stages if stage.done),
             simulated=self.runner.now_ns * 1e-9,
-            wall=perf_counter() - began,
+            wall=wall,
             links=self.links,
         )

@@ -21,9 +21,9 @@ WORKER_ENVIRONMENT = dict.fromkeys(
 """One thread for each worker: trials run in parallel, and sums come out the same anywhere."""
 
 _LONGEST_INTERVAL = 1.0
-"""Between two looks at a worker at most so much counts as its silence [s]."""
+"""Between two checks of a worker at most this much time counts as its silence [s]."""
 _GRACE = 3.0
-"""A worker gets so long to end by itself [s]."""
+"""A worker has this much time to end by itself [s]."""
 
 
 class Stop(Protocol):
@@ -53,13 +53,8 @@ class _SharedStop:
 _stop: Stop = threading.Event()
 
 
-def stop_wanted() -> bool:
-    """Whether this process should give its work up; work asks often."""
-    return _stop.is_set()
-
-
 def stop_request() -> Stop:
-    """Return the request that :func:`stop_wanted` asks."""
+    """Return the request that this process gives its work up; work asks it often."""
     return _stop
 
 
@@ -186,7 +181,7 @@ class LocalExecutor:
 
         Args:
             jobs: number of processes.
-            silence: a worker that does not ask :func:`stop_wanted` for so long is reported [s].
+            silence: a worker that does not ask :func:`stop_request` for so long is reported [s].
             patience: a worker that does not ask for so long is killed [s].
         """
         self.size = jobs
@@ -195,6 +190,11 @@ class LocalExecutor:
         self._context = get_context("spawn")
         self._end = self._context.Value("b", 0, lock=False)
         self._workers = [self._new() for _ in range(jobs)]
+
+    @property
+    def pids(self) -> list[int]:
+        """Process ids of the workers that have been started."""
+        return [worker.pid for worker in self._workers if worker.pid]
 
     def _new(self) -> _Worker:
         return _Worker(self._context, self._end)

@@ -1,1 +1,1 @@
-"""What the system does when something around it fails."""
+"""Fault injection: kill, stop, cut off or skew parts of a live system and judge the recovery."""

@@ -1,193 +1,119 @@
-"""``python -m verification.faults.clock_skew``: clocks that are off, one that is set on the way.
+"""Shift a host's clock, or set it while it runs, and compare the estimated offset with the truth.
 
-A source whose monotonic clock is off sends to a reader; both are processes under the ordinary live
-runner. The kernel's clock itself is shifted where time namespaces are permitted (root), otherwise
-Python's; a step is always Python's, since no kernel sets a monotonic clock. Shown is what the
-reader says in its health message: the estimated offset and its bound against the truth, the
-ledger's wire stage by it, and how many states were taken for stale. The truth is known exactly,
-because this program made it; uncorrected, the wire stage would be off by all of it.
+A source with a shifted monotonic clock sends to a reader. The kernel's clock is shifted where time
+namespaces are permitted (root), otherwise Python's; a step is always Python's, since no kernel sets
+its monotonic clock. The table shows what the reader's health message says: clock offset and bound,
+the latency of the wire corrected by it, and how many states were discarded as stale.
 """
 
-import argparse
-import contextlib
-import os
 import signal
-import subprocess
-import sys
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from itertools import takewhile
+from typing import ClassVar, NamedTuple
 
-from common.inbox.inbox import Inbox
-from common.inbox.subscriptions import subscribe
+from pydantic import Field
+
 from common.schemas import LinkHealth, PeerHealth, ServiceHealth
-from common.topics import HEALTH, PLANT_STATE
-from common.transport.config import BusConfig
-from common.transport.session import open_session
+from common.topics import PLANT_STATE
 from deploy.ports import reserve_base_port
+from verification.faults.plan import FaultError, FaultPlan, Progress, Promise, Row
+from verification.faults.support import clock_shim, probes
+from verification.faults.support.process import TIMEOUT_S, Monitor, Process
 
-PATIENCE_S = 60.0
 WATCH_S = 6.0
+"""The reader is watched for this long, and for as long again after a step [s]."""
+NEVER = "1e6"
 
 
-@dataclass(frozen=True)
-class Seen:
-    """What one health message of the reader says about the source; durations in seconds."""
+class ClockSkew(FaultPlan):
+    """Run source and reader once for each error of the clock."""
+
+    name = "clock_skew"
+    setup = "a source and a reader as processes under the live runner"
+    fault = "the source's monotonic clock is ahead, behind, or set while it runs"
+    recovery = "the reader estimates the offset within its bound and goes on"
+    promises = (
+        Promise("the true clock offset is within the estimate's bound", "outside bound", 0),
+        Promise("no state counts as stale while a clock is off", "stale", 0, {"clock": "off"}),
+    )
+    quick: ClassVar = {"skews": (0.2, -0.2), "steps": (0.15,)}
+
+    skews: tuple[float, ...] = Field(
+        default=(0.0, 0.2, -0.2), min_length=1, description="the source's clock is ahead by [s]"
+    )
+    steps: tuple[float, ...] = Field(
+        default=(0.15, -0.15), description="the source's clock is set forward while it runs [s]"
+    )
+
+    def measure(self, progress: Progress) -> Iterator[Row]:
+        """Yield a row for each error of the clock; see the base class."""
+        kernel = clock_shim.has_time_namespaces()
+        errors = [(skew, 0.0) for skew in self.skews] + [(0.0, step) for step in self.steps]
+        with reserve_base_port() as port:
+            for skew, step in errors:
+                progress(f"clock ahead by {skew:g} s, then set by {step:g} s")
+                yield _observe(port, skew, step, kernel and not step)
+
+
+class Seen(NamedTuple):
+    """What a health message of the reader says about the source, and when it came [s]."""
 
     at: float
     peer: PeerHealth
     link: LinkHealth
 
-    @property
-    def wire(self) -> tuple[float, float]:
-        """Median and 99th percentile; NaN if there is none."""
-        stage = next((stage for stage in self.link.stages if stage.stage == "wire"), None)
-        return (float("nan"),) * 2 if stage is None else (stage.median, stage.p99)
+    def fits(self, truth: float) -> bool:
+        """Whether a clock that is ahead by ``truth`` [s] is within the bound of the estimate."""
+        return abs(self.peer.clock_offset + truth) <= self.peer.clock_error + 1e-9
 
 
-class Watcher:
-    """Listens to the reader's health."""
-
-    def __init__(self, config: BusConfig) -> None:
-        self._session: Any = open_session(config, "monitor")
-        self._inbox = Inbox((HEALTH,))
-        self._subscribers = subscribe(self._session, config.robot, self._inbox, (HEALTH,))
-
-    def seen(self) -> Iterator[Seen]:
-        """Health as it comes, until nothing useful came for too long.
-
-        Raises:
-            TimeoutError: then.
-        """
-        give_up = time.monotonic() + PATIENCE_S
-        while time.monotonic() < give_up:
-            self._inbox.begin_step(time.monotonic_ns())
-            health = self._inbox.latest_by_source(HEALTH).get("wbc")
-            if health is not None and self._inbox.updated(HEALTH):
-                found = _find(health)
-                if found is not None:
-                    give_up = time.monotonic() + PATIENCE_S
-                    yield found
-            time.sleep(0.02)
-        raise TimeoutError(f"the reader said nothing about the source for {PATIENCE_S:g} s")
-
-    def close(self) -> None:
-        """Leave the bus."""
-        self._subscribers.clear()
-        self._session.close()
-
-
-def _find(health: ServiceHealth) -> Seen | None:
-    peer = next((p for p in health.peers if p.source == "sim" and p.clock_error >= 0.0), None)
-    link = next((one for one in health.links if one.topic == PLANT_STATE.name), None)
-    if peer is None or link is None or not link.stages:
-        return None
-    return Seen(time.monotonic(), peer, link)
-
-
-@contextlib.contextmanager
-def _running(base_port: int, *shift: str) -> Iterator[tuple[Watcher, "subprocess.Popen[bytes]"]]:
-    """Source with a shifted clock, reader and watcher; yields watcher and source."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("TRILL_")}
-    port = ["--base-port", str(base_port)]
-    beacon = ["verification.faults.beacons", "--role"]
-    commands = [
-        ["verification.faults.shifted", *shift, "--", *beacon, "source", *port],
-        [*beacon, "reader", *port],
-    ]
-    processes = []
-    with contextlib.ExitStack() as stack:
-        for command in commands:
-            process = subprocess.Popen(
-                [sys.executable, "-m", *command],
-                env=environment,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
+def _observe(port: int, skew: float, step: float, kernel: bool) -> Row:
+    """Watch a source whose clock is off; if there is a step, set the clock and watch on."""
+    shift = ["--skew", str(skew), "--step", str(step), "--after", NEVER]
+    role, base = ("--", probes.MODULE, "--role", "source"), ("--base-port", str(port))
+    with (
+        Process(clock_shim.MODULE, *shift, *["--namespace"] * kernel, *role, *base) as source,
+        Process(probes.MODULE, "--role", "reader", *base),
+        Monitor(port, {f"health/{probes.Reader.name}": ServiceHealth}) as monitor,
+    ):
+        health = _health(monitor)
+        seen = _until(next(health).at + WATCH_S, health)
+        held, stale, times = all(one.fits(skew) for one in seen), seen[-1].link.stale, {}
+        if step:
+            source.send_signal(signal.SIGUSR2)
+            set_at = time.monotonic()
+            adopted = (
+                one.at for one in health if abs(one.peer.clock_offset + step) < abs(step) / 2
             )
-            processes.append(process)
-            stack.callback(process.wait)
-            stack.callback(process.kill)
-        watcher = Watcher(BusConfig(base_port=base_port))
-        stack.callback(watcher.close)
-        yield watcher, processes[0]
+            times = {"adopted after [s]": next(adopted) - set_at}
+            seen = _until(set_at + WATCH_S, health)
+            held, stale = seen[-1].fits(step), seen[-1].link.stale - stale
+    peer, link, truth = seen[-1].peer, seen[-1].link, skew + step
+    wire = next((stage for stage in link.stages if stage.stage == "wire"), None)
+    return {
+        "clock": "set" if step else "off",
+        "by": "kernel" if kernel else "Python",
+        "ahead [ms]": 1e3 * truth,
+        "offset found [ms]": 1e3 * peer.clock_offset,
+        "bound [ms]": 1e3 * peer.clock_error,
+        "off by [ms]": 1e3 * abs(peer.clock_offset + truth),
+        "wire p50 [ms]": float("nan") if wire is None else 1e3 * wire.median,
+        "wire p99 [ms]": float("nan") if wire is None else 1e3 * wire.p99,
+        "outside bound": int(not held),
+        "stale": stale,
+        **times,
+    }
 
 
-def skewed(base_port: int, skew: float, namespace: bool) -> tuple[Seen, bool]:
-    """Watch for some seconds; returns the last word and whether the bound held all the time."""
-    options = ["--skew", str(skew)] + (["--namespace"] if namespace else [])
-    with _running(base_port, *options) as (watcher, _):
-        begin, held = None, True
-        for seen in watcher.seen():
-            begin = begin or seen.at
-            held &= abs(seen.peer.clock_offset + skew) <= seen.peer.clock_error + 1e-9
-            if seen.at > begin + WATCH_S:
-                return seen, held
-    raise TimeoutError("the reader fell silent")
+def _health(monitor: Monitor) -> Iterator[Seen]:
+    for health in monitor.listen(TIMEOUT_S):
+        peers = [p for p in health.peers if p.source == "sim" and p.clock_error >= 0.0]
+        links = [link for link in health.links if link.topic == PLANT_STATE.name]
+        if peers and links and links[0].stages:
+            yield Seen(time.monotonic(), peers[0], links[0])
+    raise FaultError(f"the reader did not find the source's clock within {TIMEOUT_S:g} s")
 
 
-def stepped(base_port: int, step: float) -> tuple[Seen, float, int]:
-    """Set a clock; the last word, how soon health told it [s], and how many states were stale."""
-    with _running(base_port, "--step", str(step), "--after", "1e6") as (watcher, source):
-        begin = set_at = told = None
-        stale = 0
-        for seen in watcher.seen():
-            begin = begin or seen.at
-            if set_at is None:
-                stale = seen.link.stale
-                if seen.at > begin + WATCH_S:
-                    source.send_signal(signal.SIGUSR2)
-                    set_at = time.monotonic()
-            elif told is None and abs(seen.peer.clock_offset + step) < abs(step) / 2:
-                told = seen.at - set_at
-            elif told is not None and seen.at > set_at + WATCH_S:
-                return seen, told, seen.link.stale - stale
-    raise TimeoutError("the reader fell silent")
-
-
-def _namespaces() -> bool:
-    text = "from verification.faults.shifted import enter_time_namespace as e; e(1.0)"
-    tried = subprocess.run([sys.executable, "-c", text], capture_output=True, check=False)
-    return tried.returncode == 0
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run and print; 1 if an offset was outside its bound."""
-    parser = argparse.ArgumentParser(
-        prog="python -m verification.faults.clock_skew",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument("--skew", type=float, nargs="+", default=[0.0, 0.2, -0.2], help="[s]")
-    parser.add_argument("--step", type=float, nargs="*", default=[0.15, -0.15], help="[s]")
-    parser.add_argument("--base-port", type=int, help="first port (a free block is found)")
-    arguments = parser.parse_args(argv)
-    namespace, good = _namespaces(), True
-    print(f"clocks shifted by {'time namespaces' if namespace else 'Python'}; milliseconds")
-    print("source ahead by    reader's offset ± bound    off by   wire median    p99   stale")
-    with reserve_base_port(wanted=arguments.base_port) as base_port:
-        for skew in arguments.skew:
-            seen, held = skewed(base_port, skew, namespace)
-            good &= held
-            _print(skew, seen, seen.link.stale, "" if held else "   OUTSIDE ITS BOUND")
-        for step in arguments.step:
-            seen, adopted, stale = stepped(base_port, step)
-            held = abs(seen.peer.clock_offset + step) <= seen.peer.clock_error
-            good &= held
-            _print(step, seen, stale, f"   set on the way; in its health {adopted:.2f} s later")
-    return int(not good)
-
-
-def _print(truth: float, seen: Seen, stale: int, remark: str) -> None:
-    peer = seen.peer
-    wire, p99 = seen.wire
-    print(
-        f"{1e3 * truth:>15.1f} {1e3 * peer.clock_offset:>18.4f} ± {1e3 * peer.clock_error:.4f} "
-        f"{1e3 * (peer.clock_offset + truth):>11.4f} {1e3 * wire:>13.3f} {1e3 * p99:>6.3f} "
-        f"{stale:>7}{remark}",
-        flush=True,
-    )
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+def _until(end: float, health: Iterator[Seen]) -> list[Seen]:
+    return list(takewhile(lambda seen: seen.at <= end, health))

@@ -1,52 +1,109 @@
-"""``python -m verification.faults.network_cut``: a real network goes away and comes back.
+"""Cut the network between two hosts and judge what is applied when it comes back.
 
 Source and reader run in two Linux network namespaces joined by a virtual cable (veth), which is
-pulled and put back; nothing is lost in the machine itself, and what waited in the transport's
-queues arrives late, as after the gap of a radio link. Counted is what was too old when it arrived
-and what was applied all the same (must be none; emergency stops must be), what handing over cost
-the publisher, and how long after the cable is back states are taken in again. Needs root.
+set down and up again. Nothing is lost in the machine itself: what waited in the transport's queues
+arrives late, as after a gap of a radio link. Needs root.
 """
 
-import argparse
 import contextlib
-import json
-import os
 import secrets
-import signal
 import subprocess
-import sys
-import threading
+import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import Field
 
 from common.topics import ESTOP, PLANT_STATE, TELEOP_GAIT, TELEOP_SETPOINT
-from verification.faults.beacons import HEARD
+from verification.faults.plan import FaultError, FaultPlan, Progress, Promise, Row
+from verification.faults.support import probes
+from verification.faults.support.probes import read_journal
+from verification.faults.support.process import Process
 
-ADDRESS, PORT = "10.231.77.1", 24448
-READER_ADDRESS = "10.231.77.2"
+PORT = 24448
+ADDRESS, READER_ADDRESS = "10.231.77.1", "10.231.77.2"
 STEP_S = 0.03
-"""From arriving to being looked at by the reader's step, which notes ages [s]."""
+"""Longest time from arrival to the reader's step, which measures the ages [s]."""
 SETTLE_S = 3.0
-PATIENCE_S = 60.0
+RECOVERY_S = 5.0
+"""The reader is watched for this long after the cable is back [s]."""
+AGED = (PLANT_STATE, TELEOP_SETPOINT, TELEOP_GAIT)
+"""Topics whose messages are discarded when they are too old on arrival."""
 
 
-@dataclass(frozen=True)
-class Result:
-    """What one cut did."""
+class NetworkCut(FaultPlan):
+    """Cut the network once for each length."""
 
-    cut_s: float
-    stale: int
-    let_go: int
-    applied_too_old: int
-    stops: int
-    oldest_stop_s: float
-    oldest_gait_s: float
-    gap_s: float
-    resumed_s: float
-    put_p99_ms: float
-    put_max_ms: float
+    name = "network_cut"
+    setup = "a source and a reader in two network namespaces joined by a virtual cable"
+    fault = "the cable is set down for 0.5 to 5 s"
+    recovery = "states come in again; late messages are discarded, except emergency stops"
+    promises = (
+        Promise("no stale message is applied", "applied too old", 0),
+        Promise("states are back soon after the network", "back after [s]", RECOVERY_S),
+    )
+    quick: ClassVar = {"cuts": (0.5, 2.0)}
+
+    cuts: tuple[float, ...] = Field(
+        default=(0.5, 1.0, 2.0, 5.0), min_length=1, description="lengths of the cuts [s]"
+    )
+
+    def measure(self, progress: Progress) -> Iterator[Row]:
+        """Yield a row for each cut; see the base class."""
+        for seconds in self.cuts:
+            progress(f"cut of {seconds:g} s")
+            yield _cut(seconds)
+
+
+def _cut(seconds: float) -> Row:
+    endpoint = f"tcp/{ADDRESS}:{PORT}"
+    to_source, to_nobody = ("--listen", endpoint, "--connect", ""), "tcp/127.0.0.1:0"
+    with (
+        tempfile.NamedTemporaryFile() as journal,
+        _network() as (near, far, cable),
+        _probe(near, "source", *to_source, "--journal", journal.name),
+        _probe(far, "reader", "--listen", to_nobody, "--connect", endpoint) as reader,
+    ):
+        reader.expect(probes.CONNECTED)
+        time.sleep(SETTLE_S)
+        _ip("-n", near, "link", "set", cable, "down")
+        time.sleep(seconds)
+        _ip("-n", near, "link", "set", cable, "up")
+        up_ns = time.monotonic_ns()
+        time.sleep(RECOVERY_S)
+        seen = reader.finish()
+        puts = [1e-6 * (one.end_ns - one.start_ns) for one in read_journal(Path(journal.name))]
+    return {
+        "cut [s]": seconds,
+        **_findings(seen, up_ns),
+        "put p99 [ms]": float(np.percentile(puts, 99)),
+        "put max [ms]": max(puts),
+    }
+
+
+def _findings(seen: Any, up_ns: int) -> dict[str, float]:
+    ages, discarded = seen["ages"], [seen["discarded"][topic.name] for topic in AGED]
+    stops = ages.get(ESTOP.name, [])
+    returned = min((at for at in seen["times"] if at > up_ns), default=float("inf"))
+    return {
+        "stale": sum(counts["stale"] for counts in discarded),
+        "skipped": sum(counts["skipped"] for counts in discarded),
+        "applied too old": sum(
+            age > topic.max_age + STEP_S for topic in AGED for age in ages.get(topic.name, [])
+        ),
+        "old stops applied": sum(age > 0.5 for age in stops),
+        "oldest stop [s]": max(stops, default=0.0),
+        "oldest gait [s]": max(ages.get(TELEOP_GAIT.name, []), default=0.0),
+        "back after [s]": 1e-9 * (returned - up_ns),
+    }
+
+
+def _probe(namespace: str, role: str, *options: str) -> Process:
+    prefix = ("ip", "netns", "exec", namespace)
+    return Process(probes.MODULE, "--role", role, *options, prefix=prefix)
 
 
 def _ip(*words: str) -> None:
@@ -55,14 +112,13 @@ def _ip(*words: str) -> None:
 
 @contextlib.contextmanager
 def _network() -> Iterator[tuple[str, str, str]]:
-    """Two namespaces and the cable's name in the first; all of it gone at the end.
+    """Yield two connected network namespaces and the name of the cable's end in the first.
 
     Raises:
-        SystemExit: not permitted, or there is no ``ip``.
+        FaultError: namespaces are not permitted, or there is no ``ip``.
     """
     tag = secrets.token_hex(3)
-    near, far = f"trill-{tag}-a", f"trill-{tag}-b"
-    cable, other = f"tr{tag}a", f"tr{tag}b"
+    near, far, cable, other = f"trill-{tag}-a", f"trill-{tag}-b", f"tr{tag}a", f"tr{tag}b"
     try:
         try:
             _ip("netns", "add", near)
@@ -70,138 +126,12 @@ def _network() -> Iterator[tuple[str, str, str]]:
             _ip("link", "add", cable, "netns", near, "type", "veth", "peer", other, "netns", far)
         except (OSError, subprocess.CalledProcessError) as error:
             text = getattr(error, "stderr", None) or str(error)
-            raise SystemExit(f"needs root, `ip` and network namespaces: {text.strip()}") from error
-        for space, link, address in ((near, cable, ADDRESS), (far, other, READER_ADDRESS)):
-            _ip("-n", space, "addr", "add", f"{address}/24", "dev", link)
-            _ip("-n", space, "link", "set", link, "up")
-            _ip("-n", space, "link", "set", "lo", "up")
+            raise FaultError(f"needs root, `ip` and network namespaces: {text.strip()}") from error
+        for namespace, link, address in ((near, cable, ADDRESS), (far, other, READER_ADDRESS)):
+            _ip("-n", namespace, "addr", "add", f"{address}/24", "dev", link)
+            _ip("-n", namespace, "link", "set", link, "up")
+            _ip("-n", namespace, "link", "set", "lo", "up")
         yield near, far, cable
     finally:
-        for space in (near, far):
-            subprocess.run(["ip", "netns", "del", space], check=False, capture_output=True)
-
-
-class _Role:
-    """A beacon in a namespace; its output is collected."""
-
-    def __init__(self, space: str, role: str, *options: str) -> None:
-        command = [
-            "ip",
-            "netns",
-            "exec",
-            space,
-            sys.executable,
-            "-m",
-            "verification.faults.beacons",
-        ]
-        environment = {k: v for k, v in os.environ.items() if not k.startswith("TRILL_")}
-        self.process = subprocess.Popen(
-            [*command, "--role", role, *options],
-            env=environment,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        self.lines: list[str] = []
-        self._pumping = threading.Thread(target=self._pump, daemon=True)
-        self._pumping.start()
-
-    def wait_for(self, words: str) -> None:
-        """Wait until it said something.
-
-        Raises:
-            TimeoutError: it does not.
-        """
-        give_up = time.monotonic() + PATIENCE_S
-        while not any(words in line for line in list(self.lines)):
-            if time.monotonic() > give_up:
-                raise TimeoutError(f"no {words!r} within {PATIENCE_S:g} s; got {self.lines[-3:]}")
-            time.sleep(0.05)
-
-    def finish(self) -> Any:
-        """End it and return what it reports."""
-        self.process.send_signal(signal.SIGTERM)
-        self._pumping.join(PATIENCE_S)
-        return json.loads(self.lines[-1])
-
-    def _pump(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.lines.append(line)
-
-
-def cut(seconds: float) -> Result:
-    """Run both, pull the cable for a while, and see."""
-    with _network() as (near, far, cable), contextlib.ExitStack() as stack:
-        source = _Role(near, "source", "--listen", f"tcp/{ADDRESS}:{PORT}", "--connect", "")
-        stack.callback(source.process.kill)
-        reader = _Role(
-            far, "reader", "--listen", "tcp/127.0.0.1:0", "--connect", f"tcp/{ADDRESS}:{PORT}"
-        )
-        stack.callback(reader.process.kill)
-        reader.wait_for(HEARD)
-        time.sleep(SETTLE_S)
-        _ip("-n", near, "link", "set", cable, "down")
-        down = time.monotonic_ns()
-        time.sleep(seconds)
-        _ip("-n", near, "link", "set", cable, "up")
-        up = time.monotonic_ns()
-        time.sleep(SETTLE_S + 2.0)
-        return _result(seconds, reader.finish(), source.finish(), (down, up))
-
-
-def _result(seconds: float, seen: Any, sent: Any, window: tuple[int, int]) -> Result:
-    down, up = window
-    times, ages, status = seen["times"], seen["ages"], seen["status"]
-    limits = {topic.name: topic.max_age for topic in (PLANT_STATE, TELEOP_SETPOINT, TELEOP_GAIT)}
-    too_old = sum(
-        age > limit + STEP_S for name, limit in limits.items() for age in ages.get(name, [])
-    )
-    after = [at for at in times if at > up]
-    last_before = max((at for at in times if at < (after[0] if after else up)), default=down)
-    stops = ages.get(ESTOP.name, [])
-    return Result(
-        cut_s=seconds,
-        stale=sum(status[name]["stale"] for name in limits),
-        let_go=sum(status[name]["skipped"] for name in limits),
-        applied_too_old=too_old,
-        stops=sum(age > 0.5 for age in stops),
-        oldest_stop_s=max(stops, default=0.0),
-        oldest_gait_s=max(ages.get(TELEOP_GAIT.name, []), default=0.0),
-        gap_s=1e-9 * (after[0] - last_before) if after else float("inf"),
-        resumed_s=1e-9 * (after[0] - up) if after else float("inf"),
-        put_p99_ms=sent["p99"],
-        put_max_ms=sent["max"],
-    )
-
-
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run and print; 1 if anything too old was applied or nothing came back."""
-    parser = argparse.ArgumentParser(
-        prog="python -m verification.faults.network_cut",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    parser.add_argument(
-        "--seconds", type=float, nargs="+", default=[0.5, 1.0, 2.0, 5.0], help="lengths of cuts [s]"
-    )
-    arguments = parser.parse_args(argv)
-    print(
-        "cut [s]  stale  let go  applied too old  old stops applied (oldest [s])  "
-        "oldest gait [s]  put p99, max [ms]  back after [s]"
-    )
-    good = True
-    for seconds in arguments.seconds:
-        r = cut(seconds)
-        good &= r.applied_too_old == 0 and r.resumed_s < float("inf")
-        print(
-            f"{r.cut_s:>7.1f} {r.stale:>6} {r.let_go:>7} {r.applied_too_old:>16} "
-            f"{r.stops:>18} ({r.oldest_stop_s:.2f}) {r.oldest_gait_s:>20.3f} "
-            f"{r.put_p99_ms:>12.2f} {r.put_max_ms:>6.2f} {r.resumed_s:>14.2f}",
-            flush=True,
-        )
-    return int(not good)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
+        for namespace in (near, far):
+            subprocess.run(["ip", "netns", "del", namespace], check=False, capture_output=True)

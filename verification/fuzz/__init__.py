@@ -1,1 +1,1 @@
-"""Random and damaged payloads at every topic's decoder."""
+"""Fuzz every topic's decoder with random and damaged payloads."""

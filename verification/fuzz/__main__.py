@@ -1,6 +1,7 @@
-"""``python -m verification.fuzz``: random and damaged payloads at every topic's decoder."""
+"""``python -m verification.fuzz``: feed random and damaged payloads to every topic's decoder."""
 
 import argparse
+import logging
 import sys
 import time
 
@@ -9,27 +10,28 @@ from verification.fuzz.run import fuzz_topic
 
 
 def main() -> int:
-    """Run; exit code 1 if anything crashed or went uncounted."""
+    """Run; return 1 if anything crashed or went uncounted."""
     parser = argparse.ArgumentParser(
         prog="python -m verification.fuzz",
-        description="Feed random and damaged payloads to a reader of every topic: nothing may "
-        "crash, nothing bad may be shown to a service, and every refusal must be counted.",
+        description="Feed random and damaged payloads to a reader of every topic. Nothing may "
+        "crash, a service must never see bad values, and every refusal must be counted.",
     )
-    parser.add_argument("--count", type=int, default=100_000, help="per topic (100000)")
-    parser.add_argument("--seed", type=int, default=0, help="the same seed, the same payloads (0)")
+    parser.add_argument("--count", type=int, default=100_000, help="payloads per topic (100000)")
+    parser.add_argument("--seed", type=int, default=0, help="the same seed gives the same payloads")
     options = parser.parse_args()
+    logging.disable(logging.WARNING)
     print(f"{'topic':<18} {'fed':>8} {'refused':>8} {'applied':>8} {'late':>8} {'slowest ms':>10}")
     started, failed = time.monotonic(), False
     for topic in ALL_TOPICS:
-        account = fuzz_topic(topic, options.count, options.seed)
+        result = fuzz_topic(topic, options.count, options.seed)
         print(
-            f"{account.topic:<18} {account.fed:>8} {account.refused:>8} {account.applied:>8} "
-            f"{account.late:>8} {1e3 * account.slowest:>10.2f}",
+            f"{result.topic:<18} {result.fed:>8} {result.refused:>8} {result.applied:>8} "
+            f"{result.late:>8} {1e3 * result.slowest:>10.2f}",
             flush=True,
         )
-        if not account.exact:
+        if not result.complete:
             failed = True
-            print(f"  {account.crash or 'some payloads are unaccounted for'}", file=sys.stderr)
+            print(f"  {result.crash or 'some payloads are not accounted for'}", file=sys.stderr)
     print(f"{time.monotonic() - started:.0f} s")
     return int(failed)
 

@@ -1,5 +1,5 @@
-"""Exported data sets, loaded by the projects whose formats they are in.
+"""Load exported data sets with the loaders of the projects that define the formats.
 
-What runs beside those projects' packages needs only numpy, h5py and OpenCV of its own, and shares
-no code with the exporter: it reads the collected episodes by itself.
+The checks that run in those projects' environments need only numpy, h5py and OpenCV besides. They
+read the collected episodes on their own and share no code with the exporter.
 """

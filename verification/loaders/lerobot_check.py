@@ -1,4 +1,4 @@
-"""Loads an export with lerobot's own classes, compares every number and pixel, and trains a bit.
+"""Load an export with lerobot's own classes, compare every number and pixel, and train a little.
 
 python -m verification.loaders.lerobot_check EXPORT DATASET [DATASET ...]
 """
@@ -11,19 +11,19 @@ from typing import Any
 
 import numpy as np
 
-from verification.loaders.original import (
+from verification.loaders.collected import (
     EYES,
     RATE,
+    CollectedEpisode,
     MismatchError,
-    Original,
-    originals,
+    check_equal,
+    collected_episodes,
     psnr,
-    same,
 )
-from verification.loaders.shim import make_importable
+from verification.loaders.torchvision_shim import declare_torchvision_operators
 
 WORST_PSNR = 30.0
-"""Of a video's picture [dB]; those of usual size and quality have 36 and more."""
+"""Limit for the pictures of a video [dB]; at the usual size and quality they reach 36."""
 CHUNK = 10
 STEPS = 4
 _STATE = ("poses", "gripper_closure", "joint_sin_cos", "joint_velocity", "control_state")
@@ -32,8 +32,8 @@ _AGES = ("state", "controller", "truth", "seen")
 
 
 def loader(export: Path, **options: Any) -> Any:
-    """The export as lerobot's data set."""
-    # A file that is missed is to be an error, not a download.
+    """Open the export as a lerobot data set."""
+    # A missing file must be an error, not a download.
     os.environ["HF_HUB_OFFLINE"] = "1"
     from lerobot.datasets.lerobot_dataset import LeRobotDataset
 
@@ -41,12 +41,12 @@ def loader(export: Path, **options: Any) -> Any:
 
 
 def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[str, Any]:
-    """Load everything; returns what was found.
+    """Load everything, compare it and return a report.
 
     Raises:
-        MismatchError: something is not as collected.
+        MismatchError: the loader returned something else than was collected.
     """
-    make_importable()
+    declare_torchvision_operators()
     data = loader(export)
     if data.meta.fps != RATE or data.meta.robot_type != "draco3":
         raise MismatchError(f"wrong description: {data.meta.fps} Hz, {data.meta.robot_type}")
@@ -62,24 +62,24 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
 def _compare(data: Any, roots: Sequence[Path], eyes: Sequence[str]) -> dict[str, Any]:
     numbers, place = 0, 0
     noise: dict[str, list[float]] = {eye: [] for eye in eyes}
-    for episode, original in enumerate(originals(roots)):
+    for number, episode in enumerate(collected_episodes(roots)):
         parts = {
-            "observation.state": _joined(original, "observation", _STATE),
-            "action": _joined(original, "action", _ACTION),
-        } | {f"age.{name}": original.array(f"age/{name}")[:, 0] for name in _AGES}
-        for frame in range(original.frames):
+            "observation.state": _joined(episode, "observation", _STATE),
+            "action": _joined(episode, "action", _ACTION),
+        } | {f"age.{name}": episode.array(f"age/{name}")[:, 0] for name in _AGES}
+        for frame in range(episode.frames):
             item = data[place]
-            last = frame == original.frames - 1
+            last = frame == episode.frames - 1
             expected = {key: values[frame] for key, values in parts.items()}
-            expected |= {"frame_index": frame, "episode_index": episode, "index": place}
+            expected |= {"frame_index": frame, "episode_index": number, "index": place}
             expected |= {"next.reward": float(last), "next.done": last, "next.success": last}
             expected |= {"timestamp": np.float32(frame / RATE)}
             for key, value in expected.items():
-                numbers += same(f"{key}, frame {place}", item[key].numpy(), value)
+                numbers += check_equal(f"{key}, frame {place}", item[key].numpy(), value)
             if not item["task"].endswith("."):
                 raise MismatchError(f"expected a sentence as task, got {item['task']!r}")
             for eye in eyes:
-                noise[eye].append(_picture_noise(item, original, eye, frame))
+                noise[eye].append(_picture_noise(item, episode, eye, frame))
             place += 1
     if place != len(data):
         raise MismatchError(f"expected {place} frames, got {len(data)}")
@@ -89,21 +89,21 @@ def _compare(data: Any, roots: Sequence[Path], eyes: Sequence[str]) -> dict[str,
     return report
 
 
-def _joined(original: Original, group: str, names: Sequence[str]) -> Any:
-    return np.concatenate([original.array(f"{group}/{name}") for name in names], axis=1)
+def _joined(episode: CollectedEpisode, group: str, names: Sequence[str]) -> Any:
+    return np.concatenate([episode.array(f"{group}/{name}") for name in names], axis=1)
 
 
-def _picture_noise(item: dict[str, Any], original: Original, eye: str, frame: int) -> float:
+def _picture_noise(item: dict[str, Any], episode: CollectedEpisode, eye: str, frame: int) -> float:
     picture = item[f"observation.images.{eye}"].numpy().transpose(1, 2, 0)
     got = (picture * 255).round().astype(np.uint8)
-    noise = psnr(got, original.picture(eye, frame, got.shape[1::-1]))
+    noise = psnr(got, episode.picture(eye, frame, got.shape[1::-1]))
     if noise < WORST_PSNR:
         raise MismatchError(f"{eye} eye, frame {frame}: {noise:.1f} dB, expected {WORST_PSNR}")
     return noise
 
 
 def _statistics(data: Any) -> dict[str, Any]:
-    """The figures by which lerobot scales, against those of what it loads."""
+    """Compare the statistics by which lerobot scales with those of the frames it loads."""
     table = data.hf_dataset.data
     for key in ("observation.state", "action"):
         values, stats = np.array(table[key].to_pylist()), data.meta.stats[key]
@@ -120,34 +120,34 @@ def _statistics(data: Any) -> dict[str, Any]:
     for key in data.meta.camera_keys:
         if np.shape(data.meta.stats[key]["mean"]) != (3, 1, 1):
             raise MismatchError(f"stats of {key}: {data.meta.stats[key]}")
-    return {"statistics": "right"}
+    return {"statistics": "correct"}
 
 
-def middle(data: Any) -> int:
-    """A frame about the middle that is not the first of its episode, so that one is before it."""
+def middle_frame(data: Any) -> int:
+    """Return the index of a frame near the middle that is not the first of its episode."""
     at = len(data) // 2
     return at + (int(data[at]["frame_index"]) == 0)
 
 
 def _windows(export: Path, data: Any, eyes: Sequence[str]) -> dict[str, Any]:
-    """Batches of several frames, as policies that look back and plan ahead ask for."""
+    """Check windows of several frames, as policies with a history and an action chunk use them."""
     import torch
 
     times = {"action": [step / RATE for step in range(CHUNK)], "observation.state": [-0.05, 0.0]}
     times |= {f"observation.images.{eye}": [-0.05, 0.0] for eye in eyes}
     windows = loader(export, delta_timestamps=times)
-    at = middle(data)
+    at = middle_frame(data)
     item = windows[at]
     for step in range(CHUNK):
         if not bool(item["action_is_pad"][step]):
-            same(f"action {step} ahead", item["action"][step], data[at + step]["action"])
+            check_equal(f"action {step} ahead", item["action"][step], data[at + step]["action"])
     for eye in eyes:
         key = f"observation.images.{eye}"
         before, now = item[key].numpy()
         if psnr(before * 255, data[at - 1][key].numpy() * 255) < 60.0:
-            raise MismatchError(f"{key}: not the picture before")
+            raise MismatchError(f"{key}: expected the previous picture")
         if psnr(now * 255, data[at][key].numpy() * 255) < 60.0:
-            raise MismatchError(f"{key}: not the picture")
+            raise MismatchError(f"{key}: expected the current picture")
     batch = next(iter(torch.utils.data.DataLoader(windows, batch_size=8, shuffle=True)))
     expected = (8, CHUNK, 18)
     if tuple(batch["action"].shape) != expected:
@@ -156,7 +156,7 @@ def _windows(export: Path, data: Any, eyes: Sequence[str]) -> dict[str, Any]:
 
 
 def _train(export: Path, data: Any) -> Any:
-    """First and last loss of a few steps of lerobot's ACT, small; or why there is none."""
+    """Train a small ACT of lerobot for a few steps; return its losses, or why it cannot be."""
     import torch
 
     try:

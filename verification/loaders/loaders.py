@@ -1,4 +1,4 @@
-"""The projects whose loaders must take what is exported: how to install and to ask them."""
+"""The projects whose loaders must accept the exports: how to install and run them."""
 
 import hashlib
 import shutil
@@ -12,10 +12,10 @@ from typing import Any
 from lab.errors import DatasetError
 
 TORCH = ("torch==2.13.0",)
-_LONG = 3600.0
-"""For installing, or for loading everything [s]."""
+_TIMEOUT_S = 3600.0
+"""Timeout of an installation step, and of loading everything [s]."""
 _READY = "installed"
-Say = Callable[[str], None]
+Report = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -23,25 +23,25 @@ class Loader:
     """A project's loader.
 
     Attributes:
-        name: of the project, with its version.
-        pythons: versions of Python that it runs on, the best first.
-        bare: packages installed without what they ask for: they pin older versions, or ask for
-            much that only their robots and simulators need.
-        packages: what loading does need.
-        module: the check.
-        exports: options of the exports to be loaded, by name.
+        name: name and version of the project.
+        pythons: versions of Python that it supports, the preferred one first.
+        without_dependencies: packages installed without their dependencies, because they pin old
+            versions or depend on what only their robots and simulators need.
+        packages: what loading needs besides.
+        module: module of the check.
+        exports: options of the exports that it must load, by title.
     """
 
     name: str
     pythons: tuple[str, ...]
-    bare: tuple[str, ...]
+    without_dependencies: tuple[str, ...]
     packages: tuple[str, ...]
     module: str
     exports: dict[str, dict[str, Any]]
 
     @property
     def form(self) -> str:
-        """Format that it reads."""
+        """Name of the format that it reads."""
         return self.name.partition("-")[0]
 
 
@@ -57,7 +57,7 @@ LOADERS = (
     Loader(
         name="robomimic-0.3",
         pythons=("3.11", "3.12"),
-        bare=("robomimic==0.3.0", "torchvision==0.28.0"),
+        without_dependencies=("robomimic==0.3.0", "torchvision==0.28.0"),
         packages=(
             *_READING,
             *("huggingface_hub<2", "imageio>=2.34,<3", "matplotlib>=3.10,<4", "psutil", "six"),
@@ -72,19 +72,19 @@ LOADERS = (
     Loader(
         name="lerobot-0.4",
         pythons=("3.11",),
-        bare=("lerobot==0.4.4", "torchvision==0.28.0"),
+        without_dependencies=("lerobot==0.4.4", "torchvision==0.28.0"),
         packages=(
             *_LEROBOT,
             *("av>=15,<19", "datasets>=4,<4.2", "diffusers>=0.30,<1", "draccus==0.10.0"),
             "huggingface_hub>=0.34,<1",
         ),
         module="verification.loaders.lerobot_check",
-        exports=_EMBEDDED,  # its video decoders are gone from torchvision
+        exports=_EMBEDDED,  # torchvision has no longer the video decoders that it uses
     ),
     Loader(
         name="lerobot-0.6",
         pythons=("3.12",),
-        bare=("lerobot==0.6.1", "torchvision==0.28.0"),
+        without_dependencies=("lerobot==0.6.1", "torchvision==0.28.0"),
         packages=(
             *_LEROBOT,
             *("av>=15,<16", "datasets>=4.8,<5", "draccus>=0.11.6,<0.12", "huggingface_hub>=1.6,<2"),
@@ -96,12 +96,12 @@ LOADERS = (
 
 
 def python_of(loader: Loader) -> str | None:
-    """An interpreter that the loader runs on; None: there is none here."""
+    """Return an interpreter that the loader supports, or None if this machine has none."""
     for version in loader.pythons:
         if version == f"{sys.version_info.major}.{sys.version_info.minor}":
             return sys.executable
         found = shutil.which(f"python{version}")
-        # A version manager's stand-in may be there without its Python.
+        # A version manager may offer a command for a Python that is not installed.
         if (
             found
             and subprocess.run([found, "-c", ""], capture_output=True, check=False).returncode == 0
@@ -110,18 +110,18 @@ def python_of(loader: Loader) -> str | None:
     return None
 
 
-def install(loader: Loader, python: str, venv: Path, say: Say) -> Path:
-    """Make the venv, unless it is there; returns its interpreter.
+def install(loader: Loader, python: str, venv: Path, report: Report) -> Path:
+    """Create the venv, unless it exists, and return its interpreter.
 
     Raises:
-        DatasetError: something cannot be installed.
+        DatasetError: a package cannot be installed.
     """
-    steps = (TORCH, ("--no-deps", *loader.bare), loader.packages)
+    steps = (TORCH, ("--no-deps", *loader.without_dependencies), loader.packages)
     mark, wanted = venv / _READY, hashlib.sha256(repr(steps).encode()).hexdigest()
     interpreter = venv / "bin" / "python"
     if mark.exists() and mark.read_text() == wanted:
         return interpreter
-    say(f"{loader.name}: installing into {venv}")
+    report(f"{loader.name}: installing into {venv}")
     _run([python, "-m", "venv", "--clear", str(venv)])
     for step in steps:
         _run([str(interpreter), "-m", "pip", "install", "-q", *step])
@@ -129,11 +129,11 @@ def install(loader: Loader, python: str, venv: Path, say: Say) -> Path:
     return interpreter
 
 
-def ask(loader: Loader, interpreter: Path, export: Path, roots: list[Path]) -> str:
-    """Let the loader load everything; returns what it found.
+def run_check(loader: Loader, interpreter: Path, export: Path, roots: list[Path]) -> str:
+    """Run the loader's check in its venv and return what it printed.
 
     Raises:
-        DatasetError: it could not, or something is not as collected.
+        DatasetError: the export cannot be loaded or differs from what was collected.
     """
     here = Path(__file__).resolve().parents[2]
     command = [str(interpreter), "-m", loader.module, str(export), *map(str, roots)]
@@ -143,7 +143,7 @@ def ask(loader: Loader, interpreter: Path, export: Path, roots: list[Path]) -> s
 def _run(command: list[str], cwd: Path | None = None) -> str:
     try:
         done = subprocess.run(
-            command, capture_output=True, text=True, check=False, timeout=_LONG, cwd=cwd
+            command, capture_output=True, text=True, check=False, timeout=_TIMEOUT_S, cwd=cwd
         )
     except (OSError, subprocess.TimeoutExpired) as error:
         raise DatasetError(f"{' '.join(command)}: {error}") from error

@@ -1,4 +1,4 @@
-"""Loads an export with robomimic's own classes, compares every number and pixel, and trains a bit.
+"""Load an export with robomimic's own classes, compare every number and pixel, and train a little.
 
 python -m verification.loaders.robomimic_check EXPORT.hdf5 DATASET [DATASET ...]
 """
@@ -11,48 +11,54 @@ from typing import Any
 import h5py
 import numpy as np
 
-from verification.loaders.original import EYES, MismatchError, Original, originals, same
-from verification.loaders.shim import make_importable
+from verification.loaders.collected import (
+    EYES,
+    CollectedEpisode,
+    MismatchError,
+    check_equal,
+    collected_episodes,
+)
+from verification.loaders.torchvision_shim import declare_torchvision_operators
 
 SEQUENCE = 10
 STEPS = 40
 _LIMBS = ("left_foot", "right_foot", "left_hand", "right_hand")
 
 
-def expected_observations(original: Original) -> dict[str, Any]:
-    """What robomimic should see of an episode but the pictures: (frames, columns) by key."""
-    poses, names = original.array("observation/poses"), original.names("observation/poses")
+def expected_observations(episode: CollectedEpisode) -> dict[str, Any]:
+    """Return the observations (frames, columns) by key that robomimic should load, no pictures."""
+    poses, names = episode.array("observation/poses"), episode.names("observation/poses")
     found: dict[str, Any] = {}
     for limb in _LIMBS:
         key = f"robot0_{limb.replace('hand', 'eef')}"
         at = [names.index(f"{limb}.{part}") for part in ("x", "y", "z")]
         turn = [names.index(f"{limb}.{part}") for part in ("qw", "qx", "qy", "qz")]
         found |= {f"{key}_pos": poses[:, at], f"{key}_quat": poses[:, turn]}
-    joints = original.array("observation/joint_sin_cos")
+    joints = episode.array("observation/joint_sin_cos")
     found["robot0_joint_pos_sin"], found["robot0_joint_pos_cos"] = joints[:, :27], joints[:, 27:]
-    found["robot0_joint_vel"] = original.array("observation/joint_velocity")
-    closure = original.array("observation/gripper_closure")
-    for index, side in enumerate(original.names("observation/gripper_closure")):
+    found["robot0_joint_vel"] = episode.array("observation/joint_velocity")
+    closure = episode.array("observation/gripper_closure")
+    for index, side in enumerate(episode.names("observation/gripper_closure")):
         found[f"robot0_{side}_gripper_qpos"] = closure[:, index : index + 1]
-    found["robot0_control_state"] = original.array("observation/control_state")
+    found["robot0_control_state"] = episode.array("observation/control_state")
     return found
 
 
-def expected_actions(original: Original) -> Any:
-    """What robomimic should see as actions (frames, columns)."""
+def expected_actions(episode: CollectedEpisode) -> Any:
+    """Return the actions (frames, columns) that robomimic should load."""
     parts = ("hands", "grasp", "locomotion", "neck")
-    return np.concatenate([original.array(f"action/{part}") for part in parts], axis=1)
+    return np.concatenate([episode.array(f"action/{part}") for part in parts], axis=1)
 
 
 def picture_keys(export: Path) -> dict[str, str]:
-    """Key of each eye's pictures; empty: there are none."""
+    """Return the key of each eye's pictures; empty if there are none."""
     with h5py.File(export, "r") as file:
-        keys = {eye: f"robot0_{eye}_eye_image" for eye in EYES}
+        keys = {eye: f"robot0_{eye}_camera_image" for eye in EYES}
         return {eye: key for eye, key in keys.items() if key in file["data/demo_0/obs"]}
 
 
 def loader(export: Path, low: Sequence[str], rgb: Sequence[str], **options: Any) -> Any:
-    """The export as robomimic's data set, the file opened as by default."""
+    """Open the export as a robomimic data set."""
     from robomimic.utils import obs_utils
     from robomimic.utils.dataset import SequenceDataset
 
@@ -68,16 +74,16 @@ def loader(export: Path, low: Sequence[str], rgb: Sequence[str], **options: Any)
 
 
 def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[str, Any]:
-    """Load everything; returns what was found.
+    """Load everything, compare it and return a report.
 
     Raises:
-        MismatchError: something is not as collected.
+        MismatchError: the loader returned something else than was collected.
     """
-    make_importable()
+    declare_torchvision_operators()
     rgb = picture_keys(export)
     low: list[str] = []
-    for original in originals(roots):
-        low = sorted(expected_observations(original))
+    for episode in collected_episodes(roots):
+        low = sorted(expected_observations(episode))
         break
     data = loader(export, low, list(rgb.values()), seq_length=1)
     report = {"frames": len(data), **_compare(export, data, roots, rgb)}
@@ -92,23 +98,23 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
 def _compare(export: Path, data: Any, roots: Sequence[Path], rgb: dict[str, str]) -> dict[str, Any]:
     scale, offset = _scaling(export)
     numbers, pictures, place = 0, 0, 0
-    for original in originals(roots):
-        seen, actions = expected_observations(original), expected_actions(original)
+    for episode in collected_episodes(roots):
+        seen, actions = expected_observations(episode), expected_actions(episode)
         if scale is not None:
-            # Single precision there and back.
+            # Scaled in single precision, as the exporter does.
             actions = ((actions - offset) / scale).clip(-1.0, 1.0)
-        for frame in range(original.frames):
+        for frame in range(episode.frames):
             item = data[place]
             for key, values in seen.items():
-                numbers += same(f"{key}, frame {place}", item["obs"][key][0], values[frame])
-            numbers += same(f"actions, frame {place}", item["actions"][0], actions[frame])
-            last = frame == original.frames - 1
+                numbers += check_equal(f"{key}, frame {place}", item["obs"][key][0], values[frame])
+            numbers += check_equal(f"actions, frame {place}", item["actions"][0], actions[frame])
+            last = frame == episode.frames - 1
             for key in ("rewards", "dones"):
-                numbers += same(f"{key}, frame {place}", item[key], [float(last)])
+                numbers += check_equal(f"{key}, frame {place}", item[key], [float(last)])
             for eye, key in rgb.items():
                 got = item["obs"][key][0]
-                expected = original.picture(eye, frame, got.shape[1::-1])
-                pictures += same(f"{key}, frame {place}", got, expected) > 0
+                expected = episode.picture(eye, frame, got.shape[1::-1])
+                pictures += check_equal(f"{key}, frame {place}", got, expected) > 0
             place += 1
     if place != len(data):
         raise MismatchError(f"expected {place} frames, got {len(data)}")
@@ -122,7 +128,7 @@ def _scaling(export: Path) -> tuple[Any, Any]:
 
 
 def _split(export: Path, low: Sequence[str]) -> dict[str, Any]:
-    """Both parts of the split, as robomimic's training script opens them."""
+    """Check both parts of the split, opened as robomimic's training script does."""
     demos = {}
     for name in ("train", "valid"):
         part = loader(export, low, [], seq_length=SEQUENCE, filter_by_attribute=name)
@@ -136,7 +142,11 @@ def _split(export: Path, low: Sequence[str]) -> dict[str, Any]:
 def _train(
     export: Path, low: Sequence[str], rgb: Sequence[str], steps: int = STEPS, batch: int = 16
 ) -> list[float]:
-    """First and last loss of a few steps of robomimic's BC-RNN; it must fall or stay finite."""
+    """Train a BC-RNN of robomimic for a few steps; return the first and the last loss.
+
+    Raises:
+        MismatchError: the loss is not finite, or does not fall in :data:`STEPS` steps.
+    """
     import torch
     from robomimic.algo import algo_factory
     from robomimic.config import config_factory
@@ -174,7 +184,7 @@ def _train(
             if len(losses) == steps:
                 break
     falls = float(np.mean(losses[-5:])) < 0.95 * float(np.mean(losses[:5]))
-    # Two steps with pictures only show that they go through.
+    # Two steps with pictures only show that the network takes them.
     if not np.isfinite(losses).all() or (steps >= STEPS and not falls):
         raise MismatchError(f"training does not work: losses {losses}")
     return [round(losses[0], 4), round(losses[-1], 4)]

@@ -1,1 +1,1 @@
-"""How well the robot stands, walks and reaches: the figures the README quotes."""
+"""Promises about standing, walking and reaching, measured in simulated time."""

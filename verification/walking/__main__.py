@@ -1,4 +1,4 @@
-"""``python -m verification.walking``: run the promises, print a table, keep the numbers."""
+"""``python -m verification.walking``: check the promises about standing, walking and reaching."""
 
 import argparse
 import json
@@ -8,7 +8,8 @@ import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from verification.walking.checks import Check, Outcome, all_checks
+from verification.walking.checks import Check, all_checks
+from verification.walking.measures import Numbers
 
 
 def _parse(argv: list[str] | None) -> argparse.Namespace:
@@ -17,23 +18,23 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
         description="Measure standing, walking and reaching in simulated time and compare each "
         "figure with its promise. Exits non-zero if one is broken.",
     )
-    parser.add_argument("--gaits", type=int, default=20, help="of each type in a row")
-    parser.add_argument("--random", type=int, default=100, help="random gaits in one run")
-    parser.add_argument("--only", default="", help="part of a group's or check's name")
-    parser.add_argument("--jobs", type=int, default=2, help="checks run side by side")
+    parser.add_argument("--gaits", type=int, default=20, help="gaits of each type in a row (20)")
+    parser.add_argument("--random", type=int, default=100, help="random gaits in one run (100)")
+    parser.add_argument("--only", default="", help="part of a check's name or group")
+    parser.add_argument("--jobs", type=int, default=2, help="checks that run side by side (2)")
     parser.add_argument("--out", type=Path, default=Path("runs/studies/walking.json"))
     return parser.parse_args(argv)
 
 
-def _timed(check: Check) -> tuple[Outcome, float]:
-    # Silences are part of the study; what the services say about them is not news.
+def _measure(check: Check) -> tuple[Numbers, float]:
+    # The checks stop services on purpose; their warnings are no news.
     logging.disable(logging.WARNING)
     start = time.perf_counter()
-    return check.run(), time.perf_counter() - start
+    return check.measure(), time.perf_counter() - start
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the selected checks; 1 if any failed."""
+    """Run the selected checks; return 1 if any promise is broken."""
     arguments = _parse(argv)
     checks = [
         check
@@ -43,41 +44,24 @@ def main(argv: list[str] | None = None) -> int:
     if not checks:
         print(f"no check matches {arguments.only!r}; leave --only away to see all names")
         return 2
-    outcomes: dict[int, Outcome] = {}
+    rows: dict[int, dict[str, object]] = {}
     print(f"{len(checks)} checks, {arguments.jobs} at a time", flush=True)
     with ProcessPoolExecutor(arguments.jobs) as pool:
-        futures = {pool.submit(_timed, check): index for index, check in enumerate(checks)}
+        futures = {pool.submit(_measure, check): index for index, check in enumerate(checks)}
         for future in as_completed(futures):
-            index = futures[future]
-            outcome, seconds = future.result()
-            outcomes[index] = outcome
-            check = checks[index]
-            mark = "ok  " if outcome.passed else "FAIL"
-            counter = f"[{len(outcomes)}/{len(checks)}]"
-            print(
-                f"{counter:>8} {mark} {check.group}: {check.name}: {outcome.text} "
-                f"({seconds:.0f} s)",
-                flush=True,
-            )
-    _write(arguments.out, checks, outcomes)
-    failed = sum(not outcome.passed for outcome in outcomes.values())
+            check, (numbers, seconds) = checks[futures[future]], future.result()
+            kept, text = check.keeps(numbers), check.describe(numbers)
+            head = {"group": check.group, "check": check.name, "passed": kept, "text": text}
+            rows[futures[future]] = {**head, **numbers}
+            counter, mark = f"[{len(rows)}/{len(checks)}]", "ok  " if kept else "FAIL"
+            print(f"{counter:>8} {mark} {check.group}: {check.name}: {text} ({seconds:.0f} s)",
+                  flush=True)  # fmt: skip
+    arguments.out.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps([rows[i] for i in sorted(rows)], indent=1, ensure_ascii=False)
+    arguments.out.write_text(text + "\n", encoding="utf-8")
+    failed = sum(not row["passed"] for row in rows.values())
     print(f"\n{len(checks) - failed} kept, {failed} broken; numbers in {arguments.out}")
     return 1 if failed else 0
-
-
-def _write(path: Path, checks: list[Check], outcomes: dict[int, Outcome]) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    rows = [
-        {
-            "group": check.group,
-            "check": check.name,
-            "passed": bool(outcomes[index].passed),
-            "text": outcomes[index].text,
-            **outcomes[index].numbers,
-        }
-        for index, check in enumerate(checks)
-    ]
-    path.write_text(json.dumps(rows, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

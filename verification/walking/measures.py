@@ -1,6 +1,7 @@
-"""The walking study's measurements: each a function from a scenario to plain numbers."""
+"""Measurements of standing, walking and reaching: functions from a scenario to plain numbers."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,104 +12,49 @@ from common.schemas import Gait, GuardMode
 from common.schemas.arrays import Float64Array as Array
 from common.topics import WBC_COMMAND
 from services.wbc.service import WbcService
-from verification.walking.stack import (
-    HandMotion,
-    Scenario,
-    Stack,
-    commanded_stance,
-    commanded_travel,
-)
+from verification.walking.stack import Scenario, Stack, commanded_stance
+
+Numbers = dict[str, float | str]
+"""Measured values by name; a text says what a number does not."""
 
 BALANCE_TIME = 1.2
-"""After this the robot has stood up and balances [s]."""
+"""After this time the robot has stood up and balances [s]."""
 REACH = (np.array([0.38, 0.27, 0.15]), np.array([0.38, -0.27, 0.15]))
 """(left, right) hand positions around which the hands move [m]."""
 
 
-@dataclass(frozen=True)
-class WalkResult:
-    """Outcome of a sequence of gaits.
-
-    Attributes:
-        fell: whether the robot fell.
-        completed: gaits completed.
-        position_error: final stance against the commanded one [m].
-        yaw_error: likewise [rad].
-        distance: commanded, summed [m].
-        turn: commanded, summed [rad].
-        unsolved: ticks whose QP was not solved.
-        saturated: share of physics steps with a motor at its limit.
-        time: simulated [s].
-    """
-
-    fell: bool
-    completed: int
-    position_error: float
-    yaw_error: float
-    distance: float
-    turn: float
-    unsolved: int
-    saturated: float
-    time: float
-
-    @property
-    def position_allowance(self) -> float:
-        """2 cm per 2 m commanded, but at least 2 cm [m]."""
-        return 0.02 * max(1.0, self.distance / 2.0)
-
-    @property
-    def yaw_allowance(self) -> float:
-        """2 degrees per 180 commanded, but at least 2 degrees [rad]."""
-        return float(np.radians(2.0)) * max(1.0, self.turn / np.pi)
-
-    @property
-    def within_tolerance(self) -> bool:
-        """Stood to the end, and close enough to where it should be."""
-        return (
-            not self.fell
-            and self.position_error <= self.position_allowance
-            and self.yaw_error <= self.yaw_allowance
-        )
-
-
-def walk(scenario: Scenario) -> WalkResult:
+def walk(scenario: Scenario) -> Numbers:
     """Walk the scenario's gaits and compare the final stance with the commanded one."""
     stack = Stack(scenario)
     start = stack.stance()
     stack.run_script()
-    end, config = stack.stance(), scenario.wbc()
-    goal = commanded_stance(start, scenario.gaits, config)
-    distance, turn = commanded_travel(scenario.gaits, config)
-    return WalkResult(
-        fell=stack.fallen,
-        completed=stack.operator.completed,
-        position_error=float(np.linalg.norm(end.position - goal.position)),
-        yaw_error=abs(wrap_angle(end.yaw - goal.yaw)),
-        distance=distance,
-        turn=turn,
-        unsolved=stack.wbc_service.controller.unsolved,
-        saturated=stack.plant.saturated_fraction,
-        time=stack.time,
-    )
+    end, goal = stack.stance(), commanded_stance(start, scenario.gaits, scenario.wbc())
+    return {
+        "completed": stack.operator.completed,
+        "fell": float(stack.fallen),
+        "position_error_m": float(np.linalg.norm(end.position - goal.position)),
+        "yaw_error_deg": float(np.degrees(abs(wrap_angle(end.yaw - goal.yaw)))),
+        "unsolved": stack.wbc_service.controller.unsolved,
+        "saturated": stack.plant.saturated_fraction,
+    }
 
 
 def random_gaits(count: int, seed: int) -> tuple[Gait, ...]:
-    """Seeded sequence of gaits of all six types."""
+    """Return a seeded sequence of gaits of all six types."""
     rng = np.random.default_rng(seed)
     types = [gait for gait in Gait if gait is not Gait.NONE]
     return tuple(types[i] for i in rng.integers(0, len(types), count))
 
 
-def sine_motion(time: float, amplitude: float, frequency: float, axis: int) -> tuple[Array, Array]:
-    """Both hands in a sine about :data:`REACH`, still until :data:`BALANCE_TIME`."""
-    phase = 2.0 * np.pi * frequency * max(0.0, time - BALANCE_TIME - 1.0)
+def sine_motion(time: float, axis: int) -> tuple[Array, Array]:
+    """Move both hands in a sine of 0.1 m and 0.5 Hz about :data:`REACH` along a body axis."""
     offset = np.zeros(3)
-    offset[axis] = amplitude * np.sin(phase)
+    offset[axis] = 0.1 * np.sin(2.0 * np.pi * 0.5 * max(0.0, time - BALANCE_TIME - 1.0))
     return REACH[0] + offset, REACH[1] + offset
 
 
 def roaming_motion(time: float) -> tuple[Array, Array]:
-    """Both hands wander on slow incommensurate sines, out of step."""
+    """Move both hands on slow incommensurate sines, out of step."""
 
     def offset(shift: float) -> Array:
         waves = np.sin(2.0 * np.pi * np.array([0.23, 0.31, 0.19]) * time + shift)
@@ -117,67 +63,53 @@ def roaming_motion(time: float) -> tuple[Array, Array]:
     return REACH[0] + offset(0.0), REACH[1] + offset(2.0)
 
 
-def push(scenario: Scenario, force: Array, at: float, *, duration: float = 0.1) -> bool:
-    """Push the torso ``at`` seconds into the run; whether the robot still stands at the end."""
+def reach_motion(time: float, target: Array) -> tuple[Array, Array]:
+    """Move the left hand to ``target`` (3,) in two seconds, the right one to its mirror image."""
+    share = min(1.0, max(0.0, (time - BALANCE_TIME) / 2.0))
+    left = REACH[0] + share * (target - REACH[0])
+    return left, left * np.array([1.0, -1.0, 1.0])
+
+
+def push(scenario: Scenario, force: Array, at: float) -> bool:
+    """Push the torso for 0.1 s; return whether the robot still stands at the end.
+
+    Args:
+        scenario: conditions of the run.
+        force: force in world (3,) [N].
+        at: time of the push [s].
+    """
     stack = Stack(scenario)
     stack.run_for(at)
-    stack.plant.push(force, duration)
+    stack.plant.push(force, 0.1)
     stack.run_script()
     stack.run_for(2.0)
     return not stack.fallen
 
 
-def tracking_error(scenario: Scenario, hands: HandMotion) -> tuple[float, float, bool]:
-    """Mean and p99 distance [m] of the hands from where they should be now, and whether it fell.
-
-    Sampled at 100 Hz from two seconds after the start, against the continuous motion the
-    set-points were sampled from, so that every delay counts.
-    """
-    stack = Stack(scenario)
-    stack.run_for(BALANCE_TIME + 2.0)
-    errors: list[float] = []
-    while not (stack.operator.done or stack.fallen) or len(errors) < 800:
-        stack.run_for(0.01)
-        if stack.fallen:
-            break
-        targets = hands(stack.time)
-        for side in (0, 1):
-            errors.append(float(np.linalg.norm(stack.hand_in_body(side) - targets[side])))
-    return float(np.mean(errors)), float(np.percentile(errors, 99.0)), stack.fallen
+def pushes(scenario: Scenario, newtons: float, times: Sequence[float]) -> Numbers:
+    """Push from eight directions at each of ``times``, one push a run."""
+    fallen = []
+    for direction in range(8):
+        angle = direction * np.pi / 4.0
+        force = newtons * np.array([np.cos(angle), np.sin(angle), 0.0])
+        fallen += [
+            f"{45 * direction}° at {at:.2f} s" for at in times if not push(scenario, force, at)
+        ]
+    return {"pushes": 8 * len(times), "falls": len(fallen), "fell_at": ", ".join(fallen)}
 
 
-def static_reach(target: Array, scenario: Scenario) -> tuple[float, float]:
-    """Position [m] and rotation [rad] error of the worse hand two seconds after a slow reach."""
+def silence(scenario: Scenario, at: float, length: float, restart: bool = False) -> Numbers:
+    """Stop the controller for a while, or replace it by a new one then.
 
-    def motion(time: float) -> tuple[Array, Array]:
-        share = min(1.0, max(0.0, (time - BALANCE_TIME) / 2.0))
-        left = REACH[0] + share * (target - REACH[0])
-        return left, left * np.array([1.0, -1.0, 1.0])
-
-    stack = Stack(Scenario(**{**vars(scenario), "hands": motion}))
-    stack.run_for(BALANCE_TIME + 4.0)
-    controller = stack.wbc_service.controller
-    _, report = controller.tick(stack.plant.truth(), stack.plant.now_ns * 1e-9)
-    return float(report.hand_error[:, 0].max()), float(report.hand_error[:, 1].max())
-
-
-@dataclass(frozen=True)
-class SilenceResult:
-    """Outcome of silencing the controller for a while."""
-
-    fell: bool
-    held: bool
-    joint_step: float
-
-
-def silence(
-    scenario: Scenario, at: float, length: float, *, restart: bool = False
-) -> SilenceResult:
-    """Silence the controller from ``at`` for ``length`` seconds, or replace it then.
+    Args:
+        scenario: conditions of the run.
+        at: time at which the controller stops [s].
+        length: time for which it is silent [s].
+        restart: a new controller takes its place.
 
     Returns:
-        whether the robot fell, whether the guard went to HOLD, and the largest step [rad] of any
-        joint command from the last before to the first after the silence.
+        whether the robot fell, whether the guard went to HOLD, and the largest step of any joint
+        command from the last before to the first after the silence [rad].
     """
     stack = Stack(scenario)
     commands: list[Array] = []
@@ -194,18 +126,57 @@ def silence(
     stack.run_for(0.1)
     first = commands[sent] if len(commands) > sent else before
     stack.run_for(5.0)
-    return SilenceResult(stack.fallen, held, float(np.abs(first - before).max()))
+    step = float(np.abs(first - before).max())
+    return {"fell": float(stack.fallen), "held": float(held), "joint_step_rad": step}
 
 
-def determinism(scenario: Scenario) -> tuple[str, str]:
-    """SHA-256 over every byte published in two runs of the same scenario."""
+def silences(scenario: Scenario, times: Sequence[float], length: float, restart: bool) -> Numbers:
+    """Stop the controller at each of ``times``, once a run."""
+    fallen = [f"{at:.2f} s" for at in times if silence(scenario, at, length, restart)["fell"]]
+    return {"moments": len(times), "falls": len(fallen), "fell_at": ", ".join(fallen)}
+
+
+def tracking(scenario: Scenario, axis: int) -> Numbers:
+    """Measure the distance of the hands from a sine along one body axis.
+
+    Sampled at 100 Hz from two seconds after the start, against the continuous motion from which
+    the set-points were sampled, so that every delay counts.
+    """
+    hands = partial(sine_motion, axis=axis)
+    stack = Stack(replace(scenario, hands=hands))
+    stack.run_for(BALANCE_TIME + 2.0)
+    errors: list[float] = []
+    while not (stack.operator.done or stack.fallen) or len(errors) < 800:
+        stack.run_for(0.01)
+        if stack.fallen:
+            break
+        for side, target in enumerate(hands(stack.time)):
+            errors.append(float(np.linalg.norm(stack.hand_in_body(side) - target)))
+    return {
+        "mean_m": float(np.mean(errors)),
+        "p99_m": float(np.percentile(errors, 99.0)),
+        "fell": float(stack.fallen),
+    }
+
+
+def static_reach(scenario: Scenario, target: tuple[float, float, float]) -> Numbers:
+    """Measure the error of the worse hand two seconds after a slow reach."""
+    hands = partial(reach_motion, target=np.array(target))
+    stack = Stack(replace(scenario, hands=hands))
+    stack.run_for(BALANCE_TIME + 4.0)
+    controller = stack.wbc_service.controller
+    _, report = controller.tick(stack.plant.truth(), stack.plant.now_ns * 1e-9)
+    position, rotation = report.hand_error.max(axis=0)
+    return {"position_m": float(position), "rotation_deg": float(np.degrees(rotation))}
+
+
+def determinism(scenario: Scenario) -> Numbers:
+    """Compare the SHA-256 of all published bytes of two runs, and of one with another seed."""
     digests = []
-    for _ in range(2):
-        stack = Stack(scenario, record=True)
+    for seed in (scenario.seed, scenario.seed, scenario.seed + 1):
+        stack = Stack(replace(scenario, seed=seed), record=True)
         stack.run_script()
         digests.append(stack.runner.digest())
-    return digests[0], digests[1]
-
-
-SINE = partial(sine_motion, amplitude=0.1, frequency=0.5)
-"""The hand-tracking motion: 0.1 m, 0.5 Hz."""
+    first, second, other = digests
+    same, differs = float(first == second), float(other != first)
+    return {"same": same, "other_differs": differs, "sha256": first[:12]}

@@ -1,6 +1,7 @@
-"""Looks for what is wrong in a data set: every file, array, stamp and picture."""
+"""Checks a data set: every file, array, time stamp and picture."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,15 +15,15 @@ from common.episodes.folder import DAMAGED, IndexLine
 from common.errors import TrillError
 from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.provenance import CodeVersion
 
-_UNIT = 1e-6
-"""A quaternion's norm is one within this."""
+_NORM_TOLERANCE = 1e-6
+"""Tolerance of a quaternion's norm."""
 
 
-def check(store: Store, on_file: Callable[[], None] = lambda: None) -> list[str]:
-    """Everything that is wrong, ``file: what``; empty if nothing is.
+def check(store: DatasetStore, on_file: Callable[[], None] = lambda: None) -> list[str]:
+    """Return all problems of a data set, each as ``file: problem``.
 
     Args:
         store: the data set.
@@ -39,7 +40,7 @@ def check(store: Store, on_file: Callable[[], None] = lambda: None) -> list[str]
         try:
             line = store.read(path)
             lines[name] = line
-            problems = [*_trial(line, config), *(_episode(path) if line.kept else ())]
+            problems = [*_check_verdict(line, config), *(_check_episode(path) if line.kept else ())]
             if line.meta.origin != config.origin():
                 problems.append("made with other settings than those in dataset.json")
         except TrillError as error:
@@ -48,14 +49,12 @@ def check(store: Store, on_file: Callable[[], None] = lambda: None) -> list[str]
             problems = [f"damaged: {error}"]
         found += [f"{name}: {problem}" for problem in problems]
         on_file()
-    seeds = [line.meta.seed for line in lines.values()]
-    found += [
-        f"seed {seed} is there twice" for seed in sorted({s for s in seeds if seeds.count(s) > 1})
-    ]
-    return found + list(_index(store, lines))
+    seeds = Counter(line.meta.seed for line in lines.values())
+    found += [f"seed {seed} is there twice" for seed in sorted(seeds) if seeds[seed] > 1]
+    return found + list(_check_index(store, lines))
 
 
-def _trial(line: IndexLine, config: EpisodeConfig) -> Iterator[str]:
+def _check_verdict(line: IndexLine, config: EpisodeConfig) -> Iterator[str]:
     meta = line.meta
     if not line.kept and meta.success:
         yield "a success that was not kept"
@@ -65,8 +64,8 @@ def _trial(line: IndexLine, config: EpisodeConfig) -> Iterator[str]:
         yield "does not say which code made it"
 
 
-def _index(store: Store, lines: dict[str, IndexLine]) -> Iterator[str]:
-    """The index against the files."""
+def _check_index(store: DatasetStore, lines: dict[str, IndexLine]) -> Iterator[str]:
+    """Compare the index with the files."""
     hint = f"mend with: trill collect --reindex {store.root}"
     try:
         index = {line.file: line for line in store.index()}
@@ -80,30 +79,30 @@ def _index(store: Store, lines: dict[str, IndexLine]) -> Iterator[str]:
         if index[name].sha256 != lines[name].sha256:
             yield f"{name}: its SHA-256 is not that of the index: the file was changed"
         elif index[name] != lines[name]:
-            yield f"{name}: the index tells another story; {hint}"
+            yield f"{name}: the index has other metadata; {hint}"
 
 
-def _episode(path: Path) -> Iterator[str]:
+def _check_episode(path: Path) -> Iterator[str]:
     with open_episode(path) as episode:
         arrays = {}
         for column in COLUMNS:
-            problem, values = _array(episode, column)
+            problem, values = _read_array(episode, column)
             if problem:
                 yield problem
             else:
                 arrays[column.path] = values
         meta = episode.meta
-        yield from _quaternions(arrays)
-        yield from _time(arrays, round(meta.frame_tolerance * 1e9))
+        yield from _check_quaternions(arrays)
+        yield from _check_times(arrays, round(meta.frame_tolerance * 1e9))
         if meta.success and not 0 <= meta.verdict_frame <= meta.frames:
             yield f"a success whose verdict came in frame {meta.verdict_frame} of {meta.frames}"
         if episode.has_pictures != (meta.picture_size is not None):
             yield f"has {'' if episode.has_pictures else 'no '}pictures, against its metadata"
         elif episode.has_pictures:
-            yield from _pictures(episode)
+            yield from _check_pictures(episode)
 
 
-def _array(episode: Episode, column: Column) -> tuple[str, Any]:
+def _read_array(episode: Episode, column: Column) -> tuple[str, Any]:
     try:
         values = episode.array(column.path)
     except (KeyError, OSError) as error:
@@ -122,7 +121,7 @@ def _array(episode: Episode, column: Column) -> tuple[str, Any]:
     return "", values
 
 
-def _quaternions(arrays: dict[str, Any]) -> Iterator[str]:
+def _check_quaternions(arrays: dict[str, Any]) -> Iterator[str]:
     for path, offset in (
         ("observation/poses", 3),
         ("action/hands", 3),
@@ -132,12 +131,12 @@ def _quaternions(arrays: dict[str, Any]) -> Iterator[str]:
             continue
         values = arrays[path]
         parts = values.reshape(len(values), -1, offset + 4)[:, :, offset:]
-        wrong = np.argwhere(np.abs(np.linalg.norm(parts, axis=2) - 1.0) > _UNIT)
+        wrong = np.argwhere(np.abs(np.linalg.norm(parts, axis=2) - 1.0) > _NORM_TOLERANCE)
         if len(wrong):
             yield f"{path}: a quaternion that is not of unit length in frame {wrong[0][0]}"
 
 
-def _time(arrays: dict[str, Any], tolerance_ns: int) -> Iterator[str]:
+def _check_times(arrays: dict[str, Any], tolerance_ns: int) -> Iterator[str]:
     now = arrays.get("time/robot_ns")
     if now is None:
         return
@@ -159,7 +158,7 @@ def _time(arrays: dict[str, Any], tolerance_ns: int) -> Iterator[str]:
             yield f"time/{name}_ns is of the future in frame {int(np.argmax(stamps > now))}"
 
 
-def _pictures(episode: Episode) -> Iterator[str]:
+def _check_pictures(episode: Episode) -> Iterator[str]:
     size = episode.meta.picture_size
     for camera in CAMERAS:
         for frame in range(episode.meta.frames):
@@ -173,11 +172,11 @@ def _pictures(episode: Episode) -> Iterator[str]:
                 break
 
 
-def remake(store: Store, seed: int) -> str:
+def remake(store: DatasetStore, seed: int) -> str:
     """Make the trial with ``seed`` again from its own settings and compare the bytes.
 
     Returns:
-        what differs; empty: nothing.
+        the differences; empty: there are none.
 
     Raises:
         EpisodeError: there is no such trial.

@@ -1,9 +1,9 @@
 """Collects demonstrations: seeds are handed out in order until enough trials have succeeded.
 
 The set of trials does not depend on how fast the workers are. A seed is handed out only while the
-successes below it and the trials under way together are fewer than wanted; so the last trial of the
-finished set is the one that brought the last success, whatever the number of workers, however often
-the run was cut off, and whatever was lost in between.
+successes below it and the trials under way together are fewer than wanted. So the last trial of the
+finished set is the one that brought the last success, for any number of workers and after any
+interruption.
 """
 
 from collections.abc import Callable
@@ -15,10 +15,9 @@ from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.config import EpisodeConfig, collecting_code
 from lab.demonstrations.collect.episode import EpisodeResult, make_episode
 from lab.demonstrations.collect.space import check_room, free, needed, size
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.campaign import Executor, run_campaign
 from lab.trials.provenance import CodeVersion
-from lab.trials.workers import stop_request
 
 
 @dataclass
@@ -58,7 +57,7 @@ class CollectionProgress:
 
 @dataclass(frozen=True)
 class SeedKey:
-    """A seed with a name for messages."""
+    """Identifies a trial by its seed."""
 
     seed: int
 
@@ -68,7 +67,7 @@ class SeedKey:
 
 def collect(
     config: EpisodeConfig,
-    store: Store,
+    store: DatasetStore,
     open_executor: Callable[[], Executor],
     *,
     wanted: int,
@@ -87,9 +86,9 @@ def collect(
         open_executor: makes the workers; called only if a trial is to be run.
         wanted: number of successes in all.
         first_seed: seed of the first trial; None: as it was begun, 0 for a new data set.
-        max_trials: give up after so many trials; None: never.
+        max_trials: give up after this number of trials; None: never.
         code: the code that makes the episodes; None: this process's.
-        accept_changes: whether to go on though other code made what is there.
+        accept_changes: whether to continue although other code made the episodes there.
         on_progress: called with each new trial, and about twice a second without one.
         on_message: called with what the user should know meanwhile.
 
@@ -150,4 +149,4 @@ def collect(
 def _make(config: EpisodeConfig, code: CodeVersion, key: SeedKey) -> EpisodeResult:
     """Make an episode in a worker, by the same code as the campaign's."""
     code.check(collecting_code())
-    return make_episode(config, key.seed, stop_request())
+    return make_episode(config, key.seed)

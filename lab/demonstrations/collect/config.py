@@ -3,14 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.episodes.episode_file import EpisodeMeta
-from common.errors import ConfigError, explain
-from common.links.config import Links
 from lab.trials.links import links_used
 from lab.trials.provenance import PHYSICS, CodeVersion, code_version
-from lab.trials.spec import TrialSettings, TrialSpec
+from lab.trials.spec import LinkTable, TrialSettings, TrialSpec, validated
 from services.sim.rendering.cameras import CameraConfig
 from services.sim.tasks import find_task
 
@@ -37,15 +35,14 @@ class EpisodeConfig(TrialSettings):
 
     Attributes:
         task: name of the task, for instance ``door/unlock``.
-        links: injected delays by name, as ``{"both": "250ms"}``; if not given, or None, the
-            task's own links are put here.
+        links: injected delays; if not given, or None, the task's own links are put here.
         raw_hands: whether the controller uses hand set-points without interpolation.
         pictures: how pictures are made; None: there are none.
         keep_failures: whether episodes that are no success are kept too.
     """
 
     task: str
-    links: Mapping[str, str] = Field(default_factory=dict)
+    links: LinkTable = Field(default_factory=dict)
     raw_hands: bool = False
     pictures: PictureConfig | None = PictureConfig()
     keep_failures: bool = False
@@ -58,27 +55,15 @@ class EpisodeConfig(TrialSettings):
         task = values.get("task")
         return {**values, "links": links_used(task, None)} if isinstance(task, str) else values
 
-    @field_validator("links")
-    @classmethod
-    def _known(cls, links: Mapping[str, str]) -> Mapping[str, str]:
-        try:
-            Links.from_table(links)
-        except ConfigError as error:
-            raise ValueError(str(error)) from error
-        return dict(sorted(links.items()))
-
     @classmethod
     def checked(cls, values: Mapping[str, Any]) -> Self:
-        """Check options, or the content of a file.
+        """Return the settings with these values, which come from options or a file.
 
         Raises:
             ConfigError: a value is wrong.
             TaskError: there is no such task.
         """
-        try:
-            config = cls.model_validate(values)
-        except ValidationError as error:
-            raise ConfigError(explain(error)) from error
+        config = validated(cls, values)
         find_task(config.task)
         return config
 
@@ -97,16 +82,8 @@ class EpisodeConfig(TrialSettings):
 
     def trial(self, seed: int) -> TrialSpec:
         """Return the trial with this seed."""
-        shared = {name: getattr(self, name) for name in TrialSettings.model_fields}
-        return TrialSpec(
-            task=self.task, seed=seed, links=self.links, raw_hands=self.raw_hands, **shared
-        )
-
-
-def origin_differences(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
-    """Return ``name: one | other`` for each value that differs."""
-    names = dict.fromkeys([*one, *other])
-    return [f"{n}: {one.get(n)} | {other.get(n)}" for n in names if one.get(n) != other.get(n)]
+        names = set(TrialSpec.model_fields) - {"seed"}
+        return TrialSpec(seed=seed, **{name: getattr(self, name) for name in names})
 
 
 def collecting_code() -> CodeVersion:

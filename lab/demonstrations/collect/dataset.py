@@ -1,15 +1,16 @@
 """``dataset.json``: the settings of a data set's episodes, and the code that made them."""
 
-import json
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from common.episodes.errors import EpisodeError
 from common.episodes.folder import DATASET
-from common.errors import ConfigError, explain
-from lab.demonstrations.collect.config import EpisodeConfig, origin_differences
+from common.errors import ConfigError
+from lab.demonstrations.collect.config import EpisodeConfig
+from lab.trials.folder import read_model
 from lab.trials.provenance import CodeVersion
+from lab.trials.spec import settings_differences
 
 
 class DatasetFile(BaseModel):
@@ -26,10 +27,6 @@ class DatasetFile(BaseModel):
     config: EpisodeConfig
     code: tuple[CodeVersion, ...] = Field(min_length=1)
     first_seed: int = Field(ge=0)
-
-    def content(self) -> bytes:
-        """Return the file's content."""
-        return (json.dumps(self.model_dump(mode="json"), indent=1) + "\n").encode()
 
     def continued(
         self, root: Path, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None
@@ -53,7 +50,7 @@ class DatasetFile(BaseModel):
                 "choose another --out"
             )
         if self.config != config:
-            differences = "\n  ".join(origin_differences(self.config.origin(), config.origin()))
+            differences = "\n  ".join(settings_differences(self.config.origin(), config.origin()))
             raise ConfigError(
                 f"{root} was begun with other options; go on with the same, or choose another "
                 f"--out. There | asked for:\n  {differences}"
@@ -77,12 +74,4 @@ def read_dataset(root: Path) -> DatasetFile | None:
     Raises:
         EpisodeError: it is wrong.
     """
-    path = root / DATASET
-    try:
-        return DatasetFile.model_validate_json(path.read_bytes())
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise EpisodeError(f"cannot read {path}: {error.strerror}") from error
-    except ValidationError as error:
-        raise EpisodeError(f"{path}: {explain(error)}") from error
+    return read_model(root / DATASET, DatasetFile, EpisodeError)

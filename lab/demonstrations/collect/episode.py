@@ -1,20 +1,19 @@
 """Makes one episode: runs the trial, then renders its pictures if it is to be kept."""
 
-import threading
 from dataclasses import dataclass
 from functools import lru_cache
 from time import perf_counter
 
 from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import PERIOD_NS, EpisodeMeta, to_bytes
-from common.errors import TrillError
 from common.plant.config import PHYSICS_STEP_NS
 from common.schemas import PlantState, SceneState
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig, collecting_code
 from lab.demonstrations.collect.recorder import EpisodeRecorder
 from lab.errors import StoppedError
+from lab.trials.spec import TrialResult
 from lab.trials.stack import TaskStack
-from lab.trials.workers import Stop
+from lab.trials.workers import Stop, stop_request
 from services.sim.rendering.cameras import CameraConfig, StereoRenderer, encode
 from services.sim.tasks import find_task
 
@@ -43,62 +42,50 @@ def make_episode(config: EpisodeConfig, seed: int, stop: Stop | None = None) -> 
 
     A trial whose simulation fails is an episode with the verdict ``error``, never kept.
 
+    Args:
+        config: settings of the episode.
+        seed: seed of the trial.
+        stop: requests that the episode is given up; None: the request to this process.
+
     Raises:
-        StoppedError: ``stop`` was set meanwhile.
+        StoppedError: the episode was given up.
         RenderingUnavailableError: there is no off-screen OpenGL.
     """
     began = perf_counter()
-    stopping = stop if stop is not None else threading.Event()
+    stop = stop or stop_request()
     stack = TaskStack(config.trial(seed))
-    recorder = EpisodeRecorder(stack, stopping.is_set)
-    try:
-        meta = _run(stack, recorder, config, seed)
-    finally:
-        stack.runner.close()
-    simulated = stack.runner.now_ns * 1e-9
-    wanted = meta.success or (config.keep_failures and meta.verdict != "error")
-    if not wanted:
-        return EpisodeResult(meta, None, simulated, perf_counter() - began)
-    drawn = perf_counter()
-    pictures = (
-        render(config.task, config.pictures, recorder.scenes, stopping) if config.pictures else {}
-    )
-    rendering = perf_counter() - drawn
-    content = to_bytes(meta, recorder.rows, pictures)
-    return EpisodeResult(meta, content, simulated, perf_counter() - began, rendering)
+    recorder = EpisodeRecorder(stack)
+    result = stack.run_or_error(stop)
+    meta = _meta(config, recorder, result)
+    content, rendering = None, 0.0
+    if meta.success or (config.keep_failures and meta.verdict != "error"):
+        before = perf_counter()
+        pictures = {}
+        if config.pictures is not None:
+            pictures = render(config.task, config.pictures, recorder.scenes, stop)
+        rendering = perf_counter() - before
+        content = to_bytes(meta, recorder.rows, pictures)
+    return EpisodeResult(meta, content, result.simulated, perf_counter() - began, rendering)
 
 
-def _run(
-    stack: TaskStack, recorder: EpisodeRecorder, config: EpisodeConfig, seed: int
-) -> EpisodeMeta:
-    try:
-        result = stack.run()
-        verdict, reason, time = result.verdict, result.reason, result.time
-        stages, gave_up = result.stages, result.gave_up
-        if stack.plant.plant.reset_count:
-            verdict, reason = "error", "the physics diverged and the plant was reset"
-    except StoppedError:
-        raise
-    except TrillError as error:
-        verdict, reason, time = "error", f"{type(error).__name__}: {error}"[:400], 0.0
-        stages, gave_up = (), ""
+def _meta(config: EpisodeConfig, recorder: EpisodeRecorder, result: TrialResult) -> EpisodeMeta:
     code, size = collecting_code(), config.pictures
     step = config.physics_steps * PHYSICS_STEP_NS
     return EpisodeMeta(
         operator="synthetic",
         task=config.task,
         goal=find_task(config.task).goal,
-        seed=seed,
-        verdict=verdict,
-        reason=reason,
-        completion_time=time,
+        seed=result.seed,
+        verdict=result.verdict,
+        reason=result.reason,
+        completion_time=result.time,
         verdict_frame=recorder.verdict_frame,
         frames=len(recorder.rows),
-        # Robot time goes in steps that need not fit into the frames' period.
+        # The steps of robot time need not fit into the period of the frames.
         frame_tolerance=step * 1e-9 if PERIOD_NS % step else 0.0,
         picture_size=None if size is None else (size.width, size.height),
-        stages=stages,
-        gave_up=gave_up,
+        stages=result.stages,
+        gave_up=result.gave_up,
         origin=config.origin(),
         versions=code.versions,
         source=code.source,

@@ -1,6 +1,7 @@
 """Shows the progress of a collection: a bar on a terminal, a line for each trial elsewhere."""
 
 from collections import Counter
+from collections.abc import Iterable
 from time import monotonic
 
 from rich.console import Console
@@ -9,38 +10,6 @@ from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.collect import CollectionProgress
 from lab.demonstrations.collect.space import size
 from lab.progress import ProgressBar, format_duration
-
-
-class Pace:
-    """Computes rate, time left and speed of this run; earlier trials do not count."""
-
-    def __init__(self) -> None:
-        self._began = monotonic()
-        self._before: int | None = None
-
-    def parts(self, progress: CollectionProgress) -> list[str]:
-        """Return parts of a line, the most important first, as ``ETA 0:34``, ``212 an hour``."""
-        if self._before is None:
-            self._before = progress.successes
-        elapsed = monotonic() - self._began
-        made = progress.successes - self._before
-        parts = []
-        if made:
-            left = max(0, progress.wanted - progress.successes) * elapsed / made
-            parts.append(f"ETA {format_duration(left)}")
-        failed = len(progress.lines) - progress.successes
-        if failed:
-            parts.append(f"{failed} failed")
-        if progress.simulated:
-            parts.append(f"{progress.simulated / elapsed:.2f} x real time")
-        if progress.successes:
-            kept = sum(line.bytes for line in progress.lines.values())
-            total = kept * max(1.0, progress.wanted / progress.successes)
-            parts.append(f"{size(kept)} of {size(total)}")
-        if made:
-            parts.append(f"{3600 * made / elapsed:.0f} an hour")
-        return parts
-
 
 _FIXED = 40
 """Columns of a terminal that the bar, the count and margins take."""
@@ -57,16 +26,17 @@ def fitting(parts: list[str], width: int) -> str:
     return text
 
 
-class Display(ProgressBar):
-    """Shows the progress while it changes."""
+class CollectionBar(ProgressBar):
+    """Shows the progress of a collection: successes, and rate and time left of this run."""
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console | None = None) -> None:
         super().__init__("episodes", console=console)
-        self._pace = Pace()
+        self._began = monotonic()
+        self._before: int | None = None
 
     def update(self, progress: CollectionProgress, line: IndexLine | None) -> None:
         """Show the progress; ``line`` is a trial that has just ended."""
-        parts = self._pace.parts(progress)
+        parts = self._parts(progress)
         shown = fitting(parts, self.console.width - _FIXED) or "the first are under way"
         self.show(progress.successes, progress.wanted, shown)
         if line is None:
@@ -77,6 +47,28 @@ class Display(ProgressBar):
             self.say(f"{text} at {meta.completion_time:.1f} s; {', '.join(parts)}")
         if not meta.success:
             self.say(f"seed {meta.seed}: {meta.verdict}: {meta.reason}")
+
+    def _parts(self, progress: CollectionProgress) -> list[str]:
+        """Return parts of a line, the most important first, as ``ETA 0:34``, ``212 an hour``."""
+        if self._before is None:
+            self._before = progress.successes
+        elapsed, made = monotonic() - self._began, progress.successes - self._before
+        failed = len(progress.lines) - progress.successes
+        parts = []
+        if made:
+            left = max(0, progress.wanted - progress.successes) * elapsed / made
+            parts.append(f"ETA {format_duration(left)}")
+        if failed:
+            parts.append(f"{failed} failed")
+        if progress.simulated:
+            parts.append(f"{progress.simulated / elapsed:.2f} x real time")
+        if progress.successes:
+            kept = sum(line.bytes for line in progress.lines.values())
+            total = kept * max(1.0, progress.wanted / progress.successes)
+            parts.append(f"{size(kept)} of {size(total)}")
+        if made:
+            parts.append(f"{3600 * made / elapsed:.0f} an hour")
+        return parts
 
 
 def closing(progress: CollectionProgress, elapsed: float) -> str:
@@ -94,11 +86,12 @@ def closing(progress: CollectionProgress, elapsed: float) -> str:
             f"{progress.simulated / progress.busy:.2f} x a worker "
             f"({100 * progress.rendering / progress.busy:.0f} % of its time for pictures)"
         )
-    lines += failures([line for line in progress.lines.values() if not line.meta.success])
+    lines += failures(progress.lines.values())
     return "\n".join(lines)
 
 
-def failures(lines: list[IndexLine]) -> list[str]:
+def failures(lines: Iterable[IndexLine]) -> list[str]:
     """Return ``3 x failure: not within 20 s: ...`` for each reason, the commonest first."""
-    reasons = Counter(f"{line.meta.verdict}: {line.meta.reason}" for line in lines)
+    metas = (line.meta for line in lines)
+    reasons = Counter(f"{meta.verdict}: {meta.reason}" for meta in metas if not meta.success)
     return [f"{number} x {reason}" for reason, number in reasons.most_common()]

@@ -5,8 +5,6 @@ that moment; ``time/seen_ns`` is the time of what the operator itself had seen, 
 makes older.
 """
 
-from collections.abc import Callable
-
 from common.episodes.columns import Rows
 from common.episodes.observation import action, observation, times, truth
 from common.schemas import (
@@ -19,7 +17,6 @@ from common.schemas import (
     TaskVerdict,
 )
 from common.topics import PLANT_STATE, TASK_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
-from lab.errors import StoppedError
 from lab.trials.stack import TaskStack
 
 
@@ -32,17 +29,12 @@ class EpisodeRecorder:
         verdict_frame: first frame after the judge's verdict; -1: there is none yet.
     """
 
-    def __init__(self, stack: TaskStack, stopped: Callable[[], bool]) -> None:
-        """Subscribe to the messages of a trial.
-
-        Args:
-            stack: a trial that has not begun.
-            stopped: returns whether to give up; the trial then ends with :class:`StoppedError`.
-        """
+    def __init__(self, stack: TaskStack) -> None:
+        """Subscribe to the messages of a trial that has not begun."""
         self.rows = Rows()
         self.scenes: list[tuple[PlantState, SceneState]] = []
         self.verdict_frame = -1
-        self._plant, self._stopped = stack.plant.plant, stopped
+        self._plant = stack.plant.plant
         self._state: PlantState | None = None
         self._controller: ControllerState | None = None
         runner = stack.runner
@@ -63,8 +55,6 @@ class EpisodeRecorder:
             self.verdict_frame = len(self.rows)
 
     def _on_setpoint(self, setpoint: Setpoint) -> None:
-        if self._stopped():
-            raise StoppedError("the episode was given up")
         state, controller = self._state, self._controller
         if state is None or controller is None:
             return

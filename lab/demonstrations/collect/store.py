@@ -3,9 +3,8 @@
 The layout is in :mod:`common.episodes.folder`.
 """
 
-import errno
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from common.episodes.episode_file import EpisodeMeta, parse_meta
@@ -20,43 +19,15 @@ from common.episodes.folder import (
     read_meta,
     trial_files,
 )
-from common.files import PART, exclusive_lock, write_whole
-from lab.demonstrations.collect.config import EpisodeConfig, origin_differences
+from common.files import PART
+from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
+from lab.trials.folder import disk_errors, locked_folder, write_file, write_model
 from lab.trials.provenance import CodeVersion
-
-_LOCK = ".lock"
-
-
-@contextmanager
-def _disk_errors(path: Path, does: str = "write") -> Iterator[None]:
-    """Turn errors of the operating system into ones that say what to do."""
-    try:
-        yield
-    except OSError as error:
-        more = {
-            errno.ENOSPC: "; make room and give the same command again, what is done is kept",
-            errno.EDQUOT: "; your quota is used up: make room and give the same command again",
-            errno.EROFS: "; choose another --out",
-            errno.EACCES: "; expected a directory you may write to: choose another --out",
-            errno.ENOTDIR: "; expected a directory, got a file: choose another --out",
-            errno.EEXIST: "; expected a directory, got a file: choose another --out",
-            errno.ENAMETOOLONG: "; choose another --out",
-        }.get(error.errno or 0, "; what is done is kept")
-        raise EpisodeError(f"cannot {does} {path}: {error.strerror or error}{more}") from error
+from lab.trials.spec import settings_differences
 
 
-def _write(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all.
-
-    Raises:
-        EpisodeError: the disk is full, or the file may not be written.
-    """
-    with _disk_errors(path):
-        write_whole(path, content)
-
-
-class Store:
+class DatasetStore:
     """A data set on disk.
 
     Attributes:
@@ -80,17 +51,13 @@ class Store:
             )
         return file.config
 
-    @contextmanager
-    def locked(self) -> Iterator[None]:
-        """Be the only process that writes here; the folder must exist.
+    def locked(self) -> AbstractContextManager[None]:
+        """Be the only process that writes here.
 
         Raises:
-            EpisodeError: another process writes here, or nobody may.
+            EpisodeError: another process writes here, or it cannot be written.
         """
-        with ExitStack() as stack:
-            with _disk_errors(self.root / _LOCK):
-                stack.enter_context(exclusive_lock(self.root / _LOCK, EpisodeError))
-            yield
+        return locked_folder(self.root, EpisodeError)
 
     @contextmanager
     def writing(
@@ -105,7 +72,7 @@ class Store:
         Args:
             config: settings of the episodes.
             code: the code that makes them.
-            accept: whether other code than that of the episodes there is accepted.
+            accept: whether to accept that other code made the episodes there.
             seed: seed of the first trial; None: as it was begun, 0 for a new data set.
 
         Returns:
@@ -113,10 +80,8 @@ class Store:
 
         Raises:
             ConfigError: it was begun with other settings or another seed, or by other code.
-            EpisodeError: another process writes here, or nobody can.
+            EpisodeError: another process writes here, or the folder cannot be written.
         """
-        with _disk_errors(self.root):
-            self.root.mkdir(parents=True, exist_ok=True)
         with self.locked():
             yield self._begin(config, code, accept, seed)
 
@@ -133,7 +98,7 @@ class Store:
             )
         else:
             file = DatasetFile(config=config, code=(code,), first_seed=seed or 0)
-        with _disk_errors(self.root):
+        with disk_errors(self.root, EpisodeError):
             for folder in (EPISODES, REJECTED):
                 (self.root / folder).mkdir(exist_ok=True)
             # Not below other folders: an export beside the episodes keeps its own files.
@@ -142,17 +107,17 @@ class Store:
                     if torn.is_file():
                         torn.unlink()
         if file != known:
-            _write(self.root / DATASET, file.content())
+            write_model(self.root / DATASET, file, EpisodeError)
         return file.first_seed
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
-        """Keep a trial: its episode, or only its metadata."""
+        """Write the file of a trial, its episode or only its metadata, and extend the index."""
         kept = content is not None
         name = f"{EPISODES}/{meta.seed:06d}.h5" if kept else f"{REJECTED}/{meta.seed:06d}.json"
         data = content if content is not None else (meta.model_dump_json() + "\n").encode()
-        _write(self.root / name, data)
+        write_file(self.root / name, data, EpisodeError)
         line = index_line(name, data, meta)
-        with _disk_errors(self.root / INDEX), (self.root / INDEX).open("ab") as index:
+        with disk_errors(self.root / INDEX, EpisodeError), (self.root / INDEX).open("ab") as index:
             index.write(line.model_dump_json().encode() + b"\n")
         return line
 
@@ -160,7 +125,7 @@ class Store:
         """Return a trial's index line from its file.
 
         Raises:
-            EpisodeError: the file is damaged, or is not the trial its name says.
+            EpisodeError: the file is damaged, or its name is that of another trial.
         """
         try:
             content = path.read_bytes()
@@ -171,7 +136,7 @@ class Store:
         else:
             meta = parse_meta(path, content.decode(errors="replace"))
         if path.stem != f"{meta.seed:06d}":
-            raise EpisodeError(f"{path}: expected the trial its name says, got seed {meta.seed}")
+            raise EpisodeError(f"{path}: expected the trial of its name, got seed {meta.seed}")
         return index_line(str(path.relative_to(self.root)), content, meta)
 
     def scan(self, on_file: Callable[[], None] = lambda: None) -> list[IndexLine]:
@@ -188,7 +153,7 @@ class Store:
         for path in self.files():
             try:
                 line = self.read(path)
-                if differences := origin_differences(origin, line.meta.origin):
+                if differences := settings_differences(origin, line.meta.origin):
                     wrong.append(
                         f"{path}: of another data set, here | there: {'; '.join(differences)}"
                     )
@@ -205,13 +170,13 @@ class Store:
 
     def files(self) -> list[Path]:
         """Return the files of all trials."""
-        with _disk_errors(self.root, "read"):
+        with disk_errors(self.root, EpisodeError, "read"):
             return trial_files(self.root)
 
     def write_index(self, lines: list[IndexLine]) -> None:
         """Replace the index."""
         text = "".join(line.model_dump_json() + "\n" for line in lines)
-        _write(self.root / INDEX, text.encode())
+        write_file(self.root / INDEX, text.encode(), EpisodeError)
 
     def index(self) -> list[IndexLine]:
         """Read the index, by seed; after a run that was cut off it may lack the last trials.

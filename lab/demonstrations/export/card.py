@@ -1,10 +1,17 @@
-"""The README of an exported data set: what it is, and what each number means."""
+"""Writes the README of an exported data set: what it is, and what each number means."""
+
+from collections.abc import Sequence
 
 from common.episodes.episode_file import RATE
-from lab.demonstrations.export.fields import ACTION, STATE, described
-from lab.demonstrations.export.source import Source, seeds
+from lab.demonstrations.export.fields import ACTION, STATE, ColumnRange
+from lab.demonstrations.export.selection import ExportInput
 
-_FRONT = """---
+_OPERATORS = {
+    "synthetic": "a synthetic operator, which is a program that imitates a person",
+    "person": "a person",
+    "policy": "a learned policy",
+}
+_CARD = """---
 task_categories:
 - robotics
 tags:
@@ -14,59 +21,69 @@ configs:
 - config_name: default
   data_files: data/*/*.parquet
 ---
-"""
+# Demonstrations by the DRACO 3 humanoid in simulation
 
+{episodes} episodes ({successes} successes), {frames} frames at {rate} Hz, in lerobot's format v3.0.
+{operators} trill made them; `meta/trill.json` has the settings of each episode.
 
-def card(source: Source) -> str:
-    """The text, in Markdown with the head that dataset hubs read."""
-    done = sum(chosen.meta.success for chosen in source.episodes)
-    parts = [
-        _FRONT + "# Demonstrations by the DRACO 3 humanoid in simulation",
-        f"{len(source.episodes)} episodes ({done} successes), {source.frames} frames at {RATE} Hz, "
-        f"in lerobot's format v3.0. {_operators(source)} trill made them; `meta/trill.json` has "
-        "the settings of each episode.",
-        _tasks(source),
-        _table("observation.state", described(STATE)),
-        _table("action", described(ACTION)),
-        _REST,
-    ]
-    return "\n\n".join(parts) + "\n"
+| task | goal | seeds |
+|---|---|---|
+{tasks}
 
+## observation.state
 
-_OPERATORS = {
-    "synthetic": "a synthetic operator, which is a program that imitates a person",
-    "person": "a person",
-    "policy": "a learned policy",
-}
+| columns | |
+|---|---|
+{state}
 
+## action
 
-def _operators(source: Source) -> str:
-    """Who operated the robot, and in how many episodes."""
-    parts = (
-        f"**{number} of {len(source.episodes)} are by {_OPERATORS[operator]}**."
-        for operator, number in source.operators.items()
-    )
-    return " ".join(parts)
+| columns | |
+|---|---|
+{action}
 
-
-def _tasks(source: Source) -> str:
-    lines = ["| task | goal | seeds |", "|---|---|---|"]
-    for task in source.tasks:
-        chosen = [one for one in source.episodes if one.meta.task == task]
-        lines.append(f"| {task} | {source.goals[task]} | {seeds(chosen)} |")
-    return "\n".join(lines)
-
-
-def _table(title: str, rows: list[tuple[str, str]]) -> str:
-    lines = [f"## {title}", "", "| columns | |", "|---|---|"]
-    return "\n".join([*lines, *(f"| {columns} | {doc} |" for columns, doc in rows)])
-
-
-_REST = """`meta/info.json` names each column. Numbers are as collected, in float32; nothing is
-scaled. The body frame is `torso_link` (x forward, y left, z up); quaternions are (w, x, y, z).
-Locomotion and controller state are numbers of kinds, not quantities.
+`meta/info.json` names each column. Numbers are as collected, in float32; nothing is scaled. The
+body frame is `torso_link` (x forward, y left, z up); quaternions are (w, x, y, z). Locomotion and
+controller state are numbers of kinds, not quantities.
 
 A frame's action was given at that frame; its observation is the newest that the robot then had.
 `age.*` says how old that was [s]: joints (`state`), controller state, stereo pair (`picture`), and
 what the operator acted on (`seen`), which a delayed link makes older. `next.success` is true in the
-frame whose action the judge called a success, and after it; `next.done` in the last."""
+frame whose action the judge called a success, and after it; `next.done` in the last.
+"""
+
+
+def card(source: ExportInput) -> str:
+    """Return the text, in Markdown with the head that dataset hubs read."""
+    episodes = source.episodes
+    seeds = {
+        task: ", ".join(str(e.meta.seed) for e in episodes if e.meta.task == task)
+        for task in source.tasks
+    }
+    return _CARD.format(
+        episodes=len(episodes),
+        successes=sum(selected.meta.success for selected in episodes),
+        frames=source.frames,
+        rate=RATE,
+        operators=" ".join(
+            f"**{count} of {len(episodes)} are by {_OPERATORS[operator]}**."
+            for operator, count in source.operators.items()
+        ),
+        tasks="\n".join(f"| {t} | {source.goals[t]} | {seeds[t]} |" for t in source.tasks),
+        state=_rows(STATE),
+        action=_rows(ACTION),
+    )
+
+
+def _rows(ranges: Sequence[ColumnRange]) -> str:
+    """Return a row ``| 0-27 | feet and hands ... |`` for each range."""
+    rows, first = [], 0
+    for columns in ranges:
+        last = first + len(columns.names) - 1
+        rows.append(
+            f"| {first}-{last} | {columns.doc} |"
+            if last > first
+            else f"| {first} | {columns.doc} |"
+        )
+        first = last + 1
+    return "\n".join(rows)

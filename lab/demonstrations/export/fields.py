@@ -1,7 +1,7 @@
-"""THE table of what is exported: which columns make up state and action, and their names.
+"""THE table of exported numbers: which columns make up state and action, and their names.
 
-Numbers are the episode's own as float32: nothing is scaled, turned or differenced. Quaternions stay
-(w, x, y, z), poses stay in the body frame.
+Numbers are the episode's own as float32, neither scaled nor rotated nor differenced. Quaternions
+stay (w, x, y, z), and poses stay in the body frame.
 """
 
 from collections.abc import Sequence
@@ -14,16 +14,17 @@ from common.episodes.columns import BY_PATH, COLUMNS
 from common.episodes.episode_file import Episode
 
 Float32 = NDArray[np.float32]
+ROBOT = "draco3"
 
 
 @dataclass(frozen=True)
-class Part:
-    """Some columns of an episode's array.
+class ColumnRange:
+    """Successive columns of an episode's array.
 
     Attributes:
-        path: of the array.
-        names: one a column, unique in the vector that the part belongs to.
-        first: where in the array the columns begin.
+        path: path of the array.
+        names: names of the columns in the export.
+        first: index of the first column in the array.
     """
 
     path: str
@@ -32,89 +33,80 @@ class Part:
 
     @property
     def doc(self) -> str:
-        """What it is, with unit and frame."""
+        """What the numbers mean, with unit and frame."""
         column = BY_PATH[self.path]
         details = [detail for detail in (column.unit, column.frame) if detail]
         return column.doc + (f" [{'; in '.join(details)}]" if details else "")
 
-    def of(self, episode: Episode, frames: slice) -> Float32:
-        """The numbers (frames, columns)."""
+    def read(self, episode: Episode, frames: slice) -> Float32:
+        """Read the numbers (frames, columns) of an episode."""
         values = episode.array(self.path, frames)
         table = values.reshape(len(values), -1)[:, self.first : self.first + len(self.names)]
         return np.asarray(table, dtype=np.float32)
 
 
-def _whole(path: str, prefix: str = "", suffix: str = "") -> Part:
-    """All of an array, by its own names or, if it is one number a frame, the last of its path."""
+def _all_columns(path: str, prefix: str = "", suffix: str = "") -> ColumnRange:
+    """Return all columns of an array; an array without columns is named by its path's last part."""
     names = BY_PATH[path].names or (path.rpartition("/")[2],)
-    return Part(path, tuple(f"{prefix}{name}{suffix}" for name in names))
+    return ColumnRange(path, tuple(f"{prefix}{name}{suffix}" for name in names))
 
 
-def _some(path: str, start: str) -> Part:
-    """The columns of an array whose names begin with ``start``; they are named by what follows."""
+def _columns_of(path: str, prefix: str) -> ColumnRange:
+    """Return the columns whose names begin with ``prefix``, named by the rest."""
     names = BY_PATH[path].names
-    chosen = [name for name in names if name.startswith(start)]
-    return Part(path, tuple(n.removeprefix(start) for n in chosen), names.index(chosen[0]))
+    chosen = [name for name in names if name.startswith(prefix)]
+    rest = tuple(name.removeprefix(prefix) for name in chosen)
+    return ColumnRange(path, rest, names.index(chosen[0]))
 
 
-STATE: tuple[Part, ...] = (
-    _whole("observation/poses"),
-    _whole("observation/gripper_closure", suffix="_gripper"),
-    _whole("observation/joint_sin_cos"),
-    _whole("observation/joint_velocity", prefix="velocity."),
-    _whole("observation/control_state"),
+STATE: tuple[ColumnRange, ...] = (
+    _all_columns("observation/poses"),
+    _all_columns("observation/gripper_closure", suffix="_gripper"),
+    _all_columns("observation/joint_sin_cos"),
+    _all_columns("observation/joint_velocity", prefix="velocity."),
+    _all_columns("observation/control_state"),
 )
-"""What the robot measures, in this order: lerobot's ``observation.state``."""
+"""The robot's measurements in this order, lerobot's ``observation.state``."""
 
-ACTION: tuple[Part, ...] = (
-    _whole("action/hands"),
-    _whole("action/grasp", suffix="_gripper"),
-    _whole("action/locomotion"),
-    _whole("action/neck"),
+ACTION: tuple[ColumnRange, ...] = (
+    _all_columns("action/hands"),
+    _all_columns("action/grasp", suffix="_gripper"),
+    _all_columns("action/locomotion"),
+    _all_columns("action/neck"),
 )
-"""What the operator set, in this order."""
+"""The operator's set-points in this order."""
 
-AGES: tuple[Part, ...] = tuple(_whole(c.path) for c in COLUMNS if c.path.startswith("age/"))
-"""How old each observation was in its frame, and what the operator acted on."""
+AGES = tuple(_all_columns(column.path) for column in COLUMNS if column.path.startswith("age/"))
+"""Age of each observation in its frame, and of what the operator acted on."""
 
 LIMBS = ("left_foot", "right_foot", "left_hand", "right_hand")
 
 
-def low_dimensional() -> dict[str, Part]:
-    """The parts of :data:`STATE` one by one, by the names that robomimic's users know."""
+def low_dimensional() -> dict[str, ColumnRange]:
+    """Return the columns of :data:`STATE` by robomimic's customary names."""
     poses, grippers, joints = (
         f"observation/{name}" for name in ("poses", "gripper_closure", "joint_sin_cos")
     )
-    found: dict[str, Part] = {}
+    found: dict[str, ColumnRange] = {}
     for limb in LIMBS:
-        pose = _some(poses, f"{limb}.")
+        pose = _columns_of(poses, f"{limb}.")
         name = limb.replace("hand", "eef")
-        found[f"robot0_{name}_pos"] = Part(poses, pose.names[:3], pose.first)
-        found[f"robot0_{name}_quat"] = Part(poses, pose.names[3:], pose.first + 3)
+        found[f"robot0_{name}_pos"] = ColumnRange(poses, pose.names[:3], pose.first)
+        found[f"robot0_{name}_quat"] = ColumnRange(poses, pose.names[3:], pose.first + 3)
     for index, side in enumerate(BY_PATH[grippers].names):
-        found[f"robot0_{side}_gripper_qpos"] = Part(grippers, ("closure",), index)
-    found["robot0_joint_pos_sin"] = _some(joints, "sin.")
-    found["robot0_joint_pos_cos"] = _some(joints, "cos.")
-    found["robot0_joint_vel"] = _whole("observation/joint_velocity")
-    found["robot0_control_state"] = _whole("observation/control_state")
+        found[f"robot0_{side}_gripper_qpos"] = ColumnRange(grippers, ("closure",), index)
+    found["robot0_joint_pos_sin"] = _columns_of(joints, "sin.")
+    found["robot0_joint_pos_cos"] = _columns_of(joints, "cos.")
+    found["robot0_joint_vel"] = _all_columns("observation/joint_velocity")
+    found["robot0_control_state"] = _all_columns("observation/control_state")
     return found
 
 
-def names_of(parts: Sequence[Part]) -> list[str]:
-    """Names of the columns that :func:`join` returns."""
-    return [name for part in parts for name in part.names]
+def column_names(ranges: Sequence[ColumnRange]) -> list[str]:
+    """Return the names of the columns that :func:`read_columns` returns."""
+    return [name for columns in ranges for name in columns.names]
 
 
-def join(parts: Sequence[Part], episode: Episode, frames: slice) -> Float32:
-    """The parts side by side (frames, columns)."""
-    return np.concatenate([part.of(episode, frames) for part in parts], axis=1)
-
-
-def described(parts: Sequence[Part]) -> list[tuple[str, str]]:
-    """``(columns, what they are)`` for each part, as ``("0-27", "feet and hands ...")``."""
-    lines, first = [], 0
-    for part in parts:
-        last = first + len(part.names) - 1
-        lines.append((f"{first}-{last}" if last > first else f"{first}", part.doc))
-        first = last + 1
-    return lines
+def read_columns(ranges: Sequence[ColumnRange], episode: Episode, frames: slice) -> Float32:
+    """Read ranges side by side (frames, columns)."""
+    return np.concatenate([columns.read(episode, frames) for columns in ranges], axis=1)

@@ -3,49 +3,44 @@
 ::
 
     meta/info.json                          rate, features and their names
-    meta/stats.json                         figures to scale by
+    meta/stats.json                         statistics by which training code normalises
     meta/tasks.parquet                      goals as sentences
-    meta/episodes/chunk-000/file-000.parquet    where each episode is; seed, verdict, figures
+    meta/episodes/chunk-000/file-000.parquet    where each episode is; seed, verdict, statistics
     meta/trill.json                         how the episodes were made
-    data/chunk-000/file-000.parquet         a row a frame
+    data/chunk-000/file-000.parquet         a row for each frame
     videos/observation.images.left/chunk-000/file-000.mp4    and right
 """
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
 from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE, Episode
 from lab.demonstrations.export import lerobot_layout as layout
 from lab.demonstrations.export.card import card
-from lab.demonstrations.export.fields import ACTION, STATE, join
-from lab.demonstrations.export.lerobot_layout import Pictures
-from lab.demonstrations.export.source import SelectedEpisode, Source, reading
+from lab.demonstrations.export.fields import ACTION, STATE, read_columns
+from lab.demonstrations.export.lerobot_tables import DataTables
+from lab.demonstrations.export.selection import ExportInput, SelectedEpisode, open_selected
 from lab.demonstrations.export.staging import staged
-from lab.demonstrations.export.stats import EVERY, PictureStats, Stats, of_columns
-from lab.demonstrations.export.video import Place, VideoFiles
+from lab.demonstrations.export.stats import PICTURE_STRIDE, PictureStats, Stats, column_stats
+from lab.demonstrations.export.video import VideoFiles, VideoSegment
 from lab.errors import DatasetError
 
 CRF = 18
-"""Quality of the videos; lower is better and larger."""
+"""Default quality of the videos; lower is better and larger."""
 _BLOCK = 64
-"""Frames a part of a table; bounds what is in memory where pictures are inside."""
+"""Number of frames that are in memory at a time, with their pictures."""
 _MADE_FROM = "meta/trill.json"
-
-Tick = Callable[[int], None]
 
 
 def is_lerobot(path: Path) -> bool:
-    """Whether a directory is an export of ours, not somebody's own recordings in this format."""
+    """Whether a directory is an export of this module, not any data set in this format."""
     try:
         about = json.loads((path / layout.INFO_PATH).read_text())
     except (OSError, ValueError):
@@ -55,240 +50,171 @@ def is_lerobot(path: Path) -> bool:
 
 
 def write(
-    source: Source,
+    source: ExportInput,
     out: Path,
     *,
     force: bool = False,
     video: bool = True,
     crf: int = CRF,
-    tick: Tick = lambda _frames: None,
+    on_episode: Callable[[], None] = lambda: None,
 ) -> None:
     """Write the directory, whole or not at all.
 
     Args:
-        source: what to write.
+        source: the episodes.
         out: the directory.
-        force: replace an earlier export.
-        video: pictures as mp4; else inside the tables, without loss.
+        force: whether to replace an earlier export.
+        video: whether pictures become mp4 files; otherwise they are inside the tables, lossless.
         crf: quality of the videos, 0 best to 51.
-        tick: told how many frames are done, as they are.
+        on_episode: called after each episode.
 
     Raises:
         DatasetError: it cannot be written.
         EpisodeError: an episode cannot be read.
     """
-    pictures = Pictures(source.size, video) if source.size is not None else None
-    described = layout.features(pictures)
     with staged(out, force=force, ours=is_lerobot) as root, ExitStack() as open_files:
         root.mkdir()
-        films = _films(root, pictures, crf) if pictures is not None and video else {}
-        for film in films.values():
-            open_files.callback(film.close)
-        writer = _Writer(source, root, described, films)
+        videos = {}
+        if video and source.size is not None:
+            for camera, key in layout.PICTURE_KEYS.items():
+                limit = layout.VIDEO_MB << 20
+                folder = root / f"videos/{key}/chunk-000"
+                videos[camera] = VideoFiles(folder, source.size, RATE, crf=crf, limit=limit)
+                open_files.callback(videos[camera].close)
+        writer = _Writer(source, root, layout.features(source.size, video=video), videos)
         open_files.callback(writer.tables.close)
-        for index, chosen in enumerate(source.episodes):
-            with reading(chosen) as episode:
-                for count in writer.add(index, chosen, episode):
-                    tick(count)
+        for selected in source.episodes:
+            with open_selected(selected) as episode:
+                writer.add(selected, episode)
+            on_episode()
         open_files.close()
         writer.finish()
 
 
-def _films(root: Path, pictures: Pictures, crf: int) -> dict[str, VideoFiles]:
-    limit = layout.VIDEO_MB << 20
-    return {
-        camera: VideoFiles(
-            root / f"videos/{key}/chunk-000", pictures.size, RATE, crf=crf, limit=limit
-        )
-        for camera, key in layout.PICTURE_KEYS.items()
-    }
-
-
-class _Tables:
-    """The data tables, one file after the other; a new one is begun only between episodes."""
-
-    def __init__(self, root: Path, schema: pa.Schema) -> None:
-        self._root, self._schema = root, schema
-        self._writer: Any = None
-        self.file = -1
-
-    def path(self, file: int) -> Path:
-        return self._root / layout.DATA_PATH.format(chunk_index=0, file_index=file)
-
-    def begin_episode(self) -> None:
-        """The next rows belong to another episode than the last."""
-        if self._writer is None or self.path(self.file).stat().st_size > layout.DATA_MB << 20:
-            self.close()
-            self.file += 1
-            self.path(self.file).parent.mkdir(parents=True, exist_ok=True)
-            self._writer = pq.ParquetWriter(self.path(self.file), self._schema)
-
-    def add(self, columns: dict[str, Any]) -> None:
-        """Append rows."""
-        arrays = [_array(columns[field.name], field.type) for field in self._schema]
-        self._writer.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
-
-    def close(self) -> None:
-        """Finish the file."""
-        if self._writer is not None:
-            self._writer.close()
-            self._writer = None
-
-    def read(self, column: str) -> Any:
-        """One column of all files, as numpy's array; after :meth:`close`."""
-        paths = [self.path(file) for file in range(self.file + 1)]
-        found = [pq.read_table(path, columns=[column])[column].combine_chunks() for path in paths]
-        return np.concatenate([_numbers(array) for array in found])
-
-
-def _array(values: Any, kind: pa.DataType) -> pa.Array:
-    if pa.types.is_fixed_size_list(kind):
-        flat = pa.array(values.reshape(-1), kind.value_type)
-        return pa.FixedSizeListArray.from_arrays(flat, kind.list_size)
-    return pa.array(values, kind)
-
-
-def _numbers(array: Any) -> Any:
-    if pa.types.is_fixed_size_list(array.type):
-        return array.flatten().to_numpy().reshape(-1, array.type.list_size)
-    return array.to_numpy(zero_copy_only=False)
-
-
-@dataclass
 class _Writer:
-    """Adds episode after episode."""
+    """Writes one episode after the other, then what describes them."""
 
-    source: Source
-    root: Path
-    described: dict[str, dict[str, Any]]
-    films: dict[str, VideoFiles]
-    rows: list[dict[str, Any]] = field(default_factory=list)
-    total: dict[str, PictureStats] = field(default_factory=dict)
-    frames: int = 0
-
-    def __post_init__(self) -> None:
-        self.tables = _Tables(self.root, layout.schema(self.described))
-        self._goals = list(self.source.goals.values())
+    def __init__(
+        self,
+        source: ExportInput,
+        root: Path,
+        features: dict[str, dict[str, Any]],
+        videos: dict[str, VideoFiles],
+    ) -> None:
+        self._source, self._root, self._features, self._videos = source, root, features, videos
+        self.tables = DataTables(root, layout.schema(features))
+        self._rows: list[dict[str, Any]] = []
+        self._cameras = CAMERAS if source.size is not None else ()
+        self._picture_stats = {camera: PictureStats() for camera in self._cameras}
+        self._frames = 0
+        self._goals = list(source.goals.values())
         if len(set(self._goals)) < len(self._goals):
-            raise DatasetError(f"two tasks have the same goal, in words: {self._goals}")
+            raise DatasetError(f"two tasks have the same goal: {self._goals}")
 
-    def add(self, index: int, chosen: SelectedEpisode, episode: Episode) -> Iterator[int]:
-        """Append an episode; yields the frames done by each step."""
+    def add(self, selected: SelectedEpisode, episode: Episode) -> None:
+        """Append an episode."""
         self.tables.begin_episode()
-        for film in self.films.values():
-            film.begin_episode()
-        task = self.source.tasks.index(chosen.meta.task)
-        numbers = _columns(chosen, episode, index=index, first=self.frames, task=task)
-        figures = {key: of_columns(values) for key, values in numbers.items()}
-        seen = (
-            {camera: PictureStats() for camera in CAMERAS} if self.source.size is not None else {}
-        )
-        for begin in range(0, chosen.frames, _BLOCK):
-            block = slice(begin, min(begin + _BLOCK, chosen.frames))
-            columns = {key: values[block] for key, values in numbers.items()}
-            for camera, counted in seen.items():
+        for video in self._videos.values():
+            video.begin_episode()
+        numbers = self._numbers(selected, episode)
+        stats = {key: column_stats(values) for key, values in numbers.items()}
+        picture_stats = {camera: PictureStats() for camera in self._cameras}
+        for begin in range(0, selected.frames, _BLOCK):
+            block = range(begin, min(begin + _BLOCK, selected.frames))
+            columns = {key: values[block.start : block.stop] for key, values in numbers.items()}
+            for camera, counted in picture_stats.items():
                 columns |= self._pictures(camera, episode, block, counted)
             self.tables.add(columns)
-            yield block.stop - block.start
-        for camera, pictures in seen.items():
-            figures[layout.PICTURE_KEYS[camera]] = pictures.stats()
-            self.total.setdefault(camera, PictureStats()).merge(pictures)
-        places = {
-            layout.PICTURE_KEYS[camera]: film.end_episode() for camera, film in self.films.items()
+        for camera, counted in picture_stats.items():
+            stats[layout.PICTURE_KEYS[camera]] = counted.stats()
+            self._picture_stats[camera].merge(counted)
+        segments = {camera: video.end_episode() for camera, video in self._videos.items()}
+        self._rows.append(self._row(selected, segments, stats))
+        self._frames += selected.frames
+
+    def _numbers(self, selected: SelectedEpisode, episode: Episode) -> dict[str, Any]:
+        """Return the numbers of an episode's frames, by key."""
+        count = selected.frames
+        frames, indices, reward = slice(0, count), np.arange(count), selected.rewards()
+        return {
+            layout.STATE_KEY: read_columns(STATE, episode, frames),
+            layout.ACTION_KEY: read_columns(ACTION, episode, frames),
+            **{key: age.read(episode, frames)[:, 0] for key, age in layout.AGE_KEYS.items()},
+            "next.reward": reward,
+            "next.done": indices == count - 1,
+            "next.success": reward > 0,
+            "timestamp": (indices / RATE).astype(np.float32),
+            "frame_index": indices,
+            "episode_index": np.full(count, len(self._rows)),
+            "index": self._frames + indices,
+            "task_index": np.full(count, self._source.tasks.index(selected.meta.task)),
         }
-        self.rows.append(self._row(index, chosen, self._goals[task], places, figures))
-        self.frames += chosen.frames
 
     def _pictures(
-        self, camera: str, episode: Episode, block: slice, seen: PictureStats
+        self, camera: str, episode: Episode, block: range, stats: PictureStats
     ) -> dict[str, Any]:
-        """Film some pictures, or return them as a column; count every fourth."""
-        embedded = []
-        for frame in range(block.start, block.stop):
-            counted, filmed = frame % EVERY == 0, camera in self.films
-            if not filmed and not self.source.resized:
-                # As collected: to decode and encode it again would lose, or be many times larger.
+        """Add pictures to the video or return them as a column; count every fourth."""
+        video, embedded = self._videos.get(camera), []
+        for frame in block:
+            counted = frame % PICTURE_STRIDE == 0
+            if video is None and not self._source.resized:
+                # As collected: encoding a picture again would lose quality or enlarge it.
                 jpeg = episode.jpeg(camera, frame)
                 embedded.append({"bytes": jpeg, "path": f"{frame:06d}.jpg"})
                 if not counted:
                     continue
-            picture = self.source.picture(episode, camera, frame)
+            picture = self._source.picture(episode, camera, frame)
             if counted:
-                seen.add(picture)
-            if filmed:
-                self.films[camera].add(picture)
-            elif self.source.resized:
+                stats.add(picture)
+            if video is not None:
+                video.add(picture)
+            elif self._source.resized:
                 _, png = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
                 embedded.append({"bytes": png.tobytes(), "path": f"{frame:06d}.png"})
         return {layout.PICTURE_KEYS[camera]: embedded} if embedded else {}
 
     def _row(
-        self,
-        index: int,
-        chosen: SelectedEpisode,
-        goal: str,
-        places: dict[str, Place],
-        figures: dict[str, Stats],
+        self, selected: SelectedEpisode, segments: dict[str, VideoSegment], stats: dict[str, Stats]
     ) -> dict[str, Any]:
+        """Return the episode's row in the table of episodes."""
+        meta = selected.meta
         row: dict[str, Any] = {
-            "episode_index": index,
-            "tasks": [goal],
-            "length": chosen.frames,
+            "episode_index": len(self._rows),
+            "tasks": [meta.goal],
+            "length": selected.frames,
             "data/chunk_index": 0,
             "data/file_index": self.tables.file,
-            "dataset_from_index": self.frames,
-            "dataset_to_index": self.frames + chosen.frames,
+            "dataset_from_index": self._frames,
+            "dataset_to_index": self._frames + selected.frames,
         }
-        for key, place in places.items():
-            row[f"videos/{key}/chunk_index"] = 0
-            row[f"videos/{key}/file_index"] = place.file
-            row[f"videos/{key}/from_timestamp"] = place.begin
-            row[f"videos/{key}/to_timestamp"] = place.end
-        meta = chosen.meta
+        for camera, segment in segments.items():
+            key = f"videos/{layout.PICTURE_KEYS[camera]}"
+            row[f"{key}/chunk_index"], row[f"{key}/file_index"] = 0, segment.file
+            row[f"{key}/from_timestamp"] = segment.begin
+            row[f"{key}/to_timestamp"] = segment.end
         row |= {"seed": meta.seed, "success": meta.success, "verdict": meta.verdict}
         row |= {"operator": meta.operator, "task_name": meta.task}
-        for key, stats in figures.items():
-            row |= {f"stats/{key}/{name}": value for name, value in stats.items()}
+        for key, values in stats.items():
+            row |= {f"stats/{key}/{name}": value for name, value in values.items()}
         return row
 
     def finish(self) -> None:
         """Write everything but the frames."""
-        stats: dict[str, Stats] = {}
-        for key, about in self.described.items():
-            if about["dtype"] not in {"video", "image"}:
-                stats[key] = of_columns(self.tables.read(key))
-        stats |= {layout.PICTURE_KEYS[camera]: seen.stats() for camera, seen in self.total.items()}
-        content = layout.info(
-            self.described, episodes=len(self.rows), frames=self.frames, tasks=len(self._goals)
+        stats = {
+            key: column_stats(self.tables.read(key))
+            for key, about in self._features.items()
+            if about["dtype"] not in {"video", "image"}
+        }
+        stats |= {layout.PICTURE_KEYS[c]: seen.stats() for c, seen in self._picture_stats.items()}
+        info = layout.info(
+            self._features, episodes=len(self._rows), frames=self._frames, tasks=len(self._goals)
         )
-        layout.write_json(self.root / layout.INFO_PATH, content)
-        layout.write_json(self.root / layout.STATS_PATH, stats)
-        layout.write_tasks(self.root / layout.TASKS_PATH, self._goals)
-        layout.write_episodes(self.root, self.rows)
-        made = [chosen.meta.model_dump(mode="json") for chosen in self.source.episodes]
-        # Beside info.json: lerobot takes nothing there that it does not know.
-        about = {"operators": self.source.operators, "episodes": made}
-        layout.write_json(self.root / _MADE_FROM, about)
-        (self.root / "README.md").write_text(card(self.source), encoding="utf-8")
-
-
-def _columns(
-    chosen: SelectedEpisode, episode: Episode, *, index: int, first: int, task: int
-) -> dict[str, Any]:
-    """The numbers of an episode's frames, by key."""
-    count = chosen.frames
-    frames, places = slice(0, count), np.arange(count)
-    reward = chosen.rewards()
-    return {
-        layout.STATE_KEY: join(STATE, episode, frames),
-        layout.ACTION_KEY: join(ACTION, episode, frames),
-        **{key: part.of(episode, frames)[:, 0] for key, part in layout.AGE_NAMES.items()},
-        "next.reward": reward,
-        "next.done": places == count - 1,
-        "next.success": reward > 0,
-        "timestamp": (places / RATE).astype(np.float32),
-        "frame_index": places,
-        "episode_index": np.full(count, index),
-        "index": first + places,
-        "task_index": np.full(count, task),
-    }
+        layout.write_json(self._root / layout.INFO_PATH, info)
+        layout.write_json(self._root / layout.STATS_PATH, stats)
+        layout.write_tasks(self._root / layout.TASKS_PATH, self._goals)
+        layout.write_episodes(self._root, self._rows)
+        # In a file beside info.json, because lerobot refuses keys there that it does not know.
+        episodes = [selected.meta.model_dump(mode="json") for selected in self._source.episodes]
+        made_from = {"operators": self._source.operators, "episodes": episodes}
+        layout.write_json(self._root / _MADE_FROM, made_from)
+        (self._root / "README.md").write_text(card(self._source), encoding="utf-8")

@@ -1,8 +1,7 @@
-"""The tables and descriptions of lerobot's format v3.0, as its own loader expects them."""
+"""Tables and descriptions of lerobot's format v3.0, as its own loader expects them."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +10,14 @@ import pyarrow.parquet as pq
 
 from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE
-from lab.demonstrations.export.fields import ACTION, AGES, STATE, names_of
-from lab.demonstrations.export.video import CODEC, PIXELS
+from lab.demonstrations.export.fields import ACTION, AGES, ROBOT, STATE, column_names
+from lab.demonstrations.export.selection import Size
+from lab.demonstrations.export.video import CODEC, PIXEL_FORMAT
 
 VERSION = "v3.0"
-ROBOT = "draco3"
 FILES_PER_CHUNK = 1000
 DATA_MB, VIDEO_MB = 100, 200
-"""Files are closed once they are larger."""
+"""A file that is larger gets no further episode."""
 FILE = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 DATA_PATH = f"data/{FILE}.parquet"
 VIDEO_PATH = "videos/{video_key}/" + FILE + ".mp4"
@@ -26,23 +25,10 @@ EPISODES_PATH = f"meta/episodes/{FILE}.parquet"
 INFO_PATH, STATS_PATH, TASKS_PATH = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
 PICTURE_KEYS = {camera: f"observation.images.{camera}" for camera in CAMERAS}
 STATE_KEY, ACTION_KEY = "observation.state", "action"
-AGE_NAMES = {f"age.{part.names[0]}": part for part in AGES}
-"""One number a frame each; not called observations, so that no policy takes them for some."""
+AGE_KEYS = {f"age.{age.names[0]}": age for age in AGES}
+"""One number for each frame; not called observations, so that no policy uses them as such."""
 COUNTERS = ("frame_index", "episode_index", "index", "task_index")
 PICTURE = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
-
-
-@dataclass(frozen=True)
-class Pictures:
-    """How the pictures are kept.
-
-    Attributes:
-        size: width and height.
-        video: as mp4; else inside the tables.
-    """
-
-    size: tuple[int, int]
-    video: bool
 
 
 def _feature(dtype: str, names: Sequence[str] | None = None) -> dict[str, Any]:
@@ -50,34 +36,38 @@ def _feature(dtype: str, names: Sequence[str] | None = None) -> dict[str, Any]:
     return {"dtype": dtype, "shape": shape, "names": list(names) if names else None}
 
 
-def features(pictures: Pictures | None) -> dict[str, dict[str, Any]]:
-    """What a frame consists of, by key."""
+def features(size: Size | None, *, video: bool) -> dict[str, dict[str, Any]]:
+    """Return the description of each value of a frame, by key.
+
+    Args:
+        size: size of the pictures; None: there are none.
+        video: whether pictures are mp4 files; otherwise they are inside the tables.
+    """
     found = {
-        STATE_KEY: _feature("float32", names_of(STATE)),
-        ACTION_KEY: _feature("float32", names_of(ACTION)),
+        STATE_KEY: _feature("float32", column_names(STATE)),
+        ACTION_KEY: _feature("float32", column_names(ACTION)),
     }
-    if pictures is not None:
-        found |= {key: _picture(pictures) for key in PICTURE_KEYS.values()}
-    found |= {key: _feature("float32") for key in AGE_NAMES}
+    if size is not None:
+        found |= {key: _picture(*size, video=video) for key in PICTURE_KEYS.values()}
+    found |= {key: _feature("float32") for key in AGE_KEYS}
     found |= {"next.reward": _feature("float32")}
     found |= {key: _feature("bool") for key in ("next.done", "next.success")}
     found |= {"timestamp": _feature("float32")}
     return found | {key: _feature("int64") for key in COUNTERS}
 
 
-def _picture(pictures: Pictures) -> dict[str, Any]:
-    width, height = pictures.size
+def _picture(width: int, height: int, *, video: bool) -> dict[str, Any]:
     about: dict[str, Any] = {
-        "dtype": "video" if pictures.video else "image",
+        "dtype": "video" if video else "image",
         "shape": [height, width, 3],
         "names": ["height", "width", "channels"],
     }
-    if pictures.video:
+    if video:
         about["info"] = {
             "video.height": height,
             "video.width": width,
             "video.codec": CODEC,
-            "video.pix_fmt": PIXELS,
+            "video.pix_fmt": PIXEL_FORMAT,
             "video.is_depth_map": False,
             "video.fps": RATE,
             "video.channels": 3,
@@ -87,7 +77,7 @@ def _picture(pictures: Pictures) -> dict[str, Any]:
 
 
 def schema(described: Mapping[str, Mapping[str, Any]]) -> pa.Schema:
-    """Columns of the data tables; videos are not in them."""
+    """Return the schema of the data tables, which do not contain videos."""
     scalars = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
     fields = []
     for key, about in described.items():
@@ -103,7 +93,7 @@ def schema(described: Mapping[str, Mapping[str, Any]]) -> pa.Schema:
 
 
 def info(described: Mapping[str, Any], *, episodes: int, frames: int, tasks: int) -> dict[str, Any]:
-    """Content of ``meta/info.json``."""
+    """Return the content of ``meta/info.json``."""
     video = any(about["dtype"] == "video" for about in described.values())
     return {
         "codebase_version": VERSION,
@@ -123,39 +113,31 @@ def info(described: Mapping[str, Any], *, episodes: int, frames: int, tasks: int
 
 
 def write_json(path: Path, content: object) -> None:
-    """Write a readable JSON file, with its directory."""
+    """Write an indented JSON file, and make its directory."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(content, indent=4, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def write_tasks(path: Path, sentences: Sequence[str]) -> None:
-    """Write the tasks; the sentence is the table's index, in pandas' sense."""
+def write_tasks(path: Path, goals: Sequence[str]) -> None:
+    """Write the table of the tasks, whose pandas index is the goal."""
     kinds = {"task_index": ("int64", "int64"), "task": ("unicode", "object")}
     columns = [
-        {
-            "name": name,
-            "field_name": name,
-            "pandas_type": kind,
-            "numpy_type": stored,
-            "metadata": None,
-        }
-        for name, (kind, stored) in kinds.items()
+        {"name": n, "field_name": n, "pandas_type": kind, "numpy_type": stored, "metadata": None}
+        for n, (kind, stored) in kinds.items()
     ]
     pandas = {
         "index_columns": ["task"],
         "column_indexes": [],
-        "columns": [
-            column | {"field_name": column["name"], "metadata": None} for column in columns
-        ],
+        "columns": columns,
         "pandas_version": "2.0.0",
     }
-    table = pa.table({"task_index": pa.array(range(len(sentences)), pa.int64()), "task": sentences})
+    table = pa.table({"task_index": pa.array(range(len(goals)), pa.int64()), "task": goals})
     path.parent.mkdir(parents=True, exist_ok=True)
     pq.write_table(table.replace_schema_metadata({"pandas": json.dumps(pandas)}), path)
 
 
 def write_episodes(root: Path, rows: Iterable[Mapping[str, Any]]) -> None:
-    """Write the table of the episodes, all in one file."""
+    """Write the table of the episodes to one file."""
     path = root / EPISODES_PATH.format(chunk_index=0, file_index=0)
     path.parent.mkdir(parents=True, exist_ok=True)
     where = {"meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0}

@@ -1,4 +1,4 @@
-"""A result that is there whole or not at all: made beside its place, moved there at the end."""
+"""Writes a file or directory whole or not at all: beside its place, and moved there at the end."""
 
 import fcntl
 import os
@@ -15,56 +15,56 @@ _OLD = ".old"
 
 @contextmanager
 def staged(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> Iterator[Path]:
-    """Give a path to make ``out`` at; it becomes ``out`` if all goes well, else it is removed.
+    """Yield a path to write to; it becomes ``out`` at the end, or is removed after an error.
 
     Args:
-        out: file or directory to make.
-        force: replace what is there.
-        ours: whether something is an earlier result; nothing else is ever replaced.
+        out: file or directory to write.
+        force: whether to replace an earlier result.
+        ours: whether something is an earlier result; nothing else is replaced.
 
     Raises:
         DatasetError: ``out`` exists and may not be replaced, cannot be written, or is being made
             by another process.
     """
-    # Where a link leads, it is to be; and . has no name to put something beside.
+    # A link is followed; and the directory . has no name to put something beside.
     out = out.resolve()
     try:
         check_free(out, force=force, ours=ours)
-        workshop = out.with_name(f".{out.name}{_SUFFIX}")
-        workshop.mkdir(parents=True, exist_ok=True)
-        handle = os.open(workshop, os.O_RDONLY)
+        folder = out.with_name(f".{out.name}{_SUFFIX}")
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = os.open(folder, os.O_RDONLY)
     except OSError as error:
         raise DatasetError(f"cannot write {out}: {error}; choose another --out") from error
     try:
         _lock(handle, out)
-        old = workshop / f"{out.name}{_OLD}"
+        old = folder / f"{out.name}{_OLD}"
         try:
             if old.exists() and not out.exists():
                 old.rename(out)  # a run was killed while it replaced it
             check_free(out, force=force, ours=ours)
-            for left in workshop.iterdir():
+            for left in folder.iterdir():
                 _remove(left)
-            yield workshop / out.name
+            yield folder / out.name
             check_free(out, force=force, ours=ours)
-            _move(workshop / out.name, out, old)
+            _move(folder / out.name, out, old)
         except (OSError, RuntimeError) as error:
-            # A full disk, as a rule; h5py has both kinds for it.
+            # Usually the disk is full; h5py raises both kinds then.
             reason = str(error).partition("\n")[0]
             raise DatasetError(
                 f"{out} cannot be written: {reason}; nothing is left of it. Is the disk full?"
             ) from error
         finally:
-            shutil.rmtree(workshop, ignore_errors=True)
+            shutil.rmtree(folder, ignore_errors=True)
     finally:
-        # The lock goes with it, or with the process, however that ends.
+        # This releases the lock; the end of the process would, too.
         os.close(handle)
 
 
 def check_free(out: Path, *, force: bool, ours: Callable[[Path], bool]) -> None:
-    """Refuse early to write where something is.
+    """Check that ``out`` does not exist or may be replaced.
 
     Raises:
-        DatasetError: it is.
+        DatasetError: it may not be replaced.
     """
     if not out.exists():
         return
@@ -96,7 +96,7 @@ def _move(new: Path, out: Path, old: Path) -> None:
             out.rename(old)
         new.rename(out)
     except BaseException:
-        # Ctrl-C, too: the workshop goes, and it must not take the earlier result along.
+        # After Ctrl-C, too: the folder is removed, and the earlier result must not be in it.
         if old.exists() and not out.exists():
             old.rename(out)
         raise

@@ -1,6 +1,5 @@
-"""Figures of a data set by which training code scales it: range, mean, spread, quantiles."""
+"""Statistics of a data set by which training code normalises it: range, mean, std, quantiles."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -10,20 +9,16 @@ from common.episodes.episode_file import Image
 
 QUANTILES = {"q01": 0.01, "q10": 0.10, "q50": 0.50, "q90": 0.90, "q99": 0.99}
 Stats = dict[str, list[Any]]
-"""By name: min, max, mean, std, the quantiles, and count."""
+"""Lists by name: min, max, mean, std, the quantiles, and count."""
+PICTURE_STRIDE = 4
+"""Only every fourth picture is counted, since neighbours are alike."""
 _LEVELS = 256
-EVERY = 4
-"""Only each fourth picture is counted: neighbours are alike."""
-_FINE = 200
-"""Of larger pictures only every second, third ... pixel is counted, so that these are left."""
+_COUNTED_SIZE = 200
+"""Of larger pictures only every second, third ... pixel is counted, so that this size is left."""
 
 
-def of_columns(values: NDArray[np.generic]) -> Stats:
-    """Figures of each column.
-
-    Args:
-        values: (rows, columns) or (rows,), at least one row.
-    """
+def column_stats(values: NDArray[np.generic]) -> Stats:
+    """Return the statistics of each column of ``values``, (rows, columns) or (rows,)."""
     table = values.reshape(len(values), -1).astype(np.float64)
     quantiles = np.quantile(table, list(QUANTILES.values()), axis=0)
     return {
@@ -37,43 +32,40 @@ def of_columns(values: NDArray[np.generic]) -> Stats:
 
 
 class PictureStats:
-    """Figures of each colour of many pictures, 0 black to 1 full, from counts of each level."""
+    """Statistics of each colour of many pictures, 0 to 1, from a histogram of its levels."""
 
     def __init__(self) -> None:
         self._counts = np.zeros((3, _LEVELS), dtype=np.int64)
         self._pictures = 0
 
     def add(self, picture: Image) -> None:
-        """Count a picture (height, width, 3), or enough of its pixels."""
-        step = max(1, max(picture.shape[:2]) // _FINE)
-        seen = picture[::step, ::step].reshape(-1, 3)
+        """Count the pixels of a picture (height, width, 3), or enough of them."""
+        step = max(1, max(picture.shape[:2]) // _COUNTED_SIZE)
+        pixels = picture[::step, ::step].reshape(-1, 3)
         for colour in range(3):
-            self._counts[colour] += np.bincount(seen[:, colour], minlength=_LEVELS)
+            self._counts[colour] += np.bincount(pixels[:, colour], minlength=_LEVELS)
         self._pictures += 1
 
     def merge(self, other: "PictureStats") -> None:
-        """Count all that ``other`` has."""
+        """Add the counts of ``other``."""
         self._counts += other._counts
         self._pictures += other._pictures
 
     def stats(self) -> Stats:
-        """The figures, each (3, 1, 1); at least one picture was added."""
+        """Return the statistics, each (3, 1, 1), of one picture or more."""
         levels = np.arange(_LEVELS) / (_LEVELS - 1)
         share = self._counts / self._counts.sum(axis=1, keepdims=True)
         mean = share @ levels
         variance = share @ levels**2 - mean**2
         below = np.cumsum(share, axis=1)
-        seen = self._counts > 0
-        found: Mapping[str, NDArray[np.float64]] = {
-            "min": levels[seen.argmax(axis=1)],
-            "max": levels[_LEVELS - 1 - seen[:, ::-1].argmax(axis=1)],
+        present = self._counts > 0
+        found = {
+            "min": levels[present.argmax(axis=1)],
+            "max": levels[_LEVELS - 1 - present[:, ::-1].argmax(axis=1)],
             "mean": mean,
             "std": np.sqrt(np.maximum(variance, 0.0)),
-            **{
-                # A little less, since the shares do not add up to 1 exactly.
-                name: levels[(below >= part - 1e-9).argmax(axis=1)]
-                for name, part in QUANTILES.items()
-            },
+            # A little less, since the shares do not add up to 1 exactly.
+            **{n: levels[(below >= q - 1e-9).argmax(axis=1)] for n, q in QUANTILES.items()},
         }
         shaped: Stats = {name: list(v.reshape(3, 1, 1).tolist()) for name, v in found.items()}
         return shaped | {"count": [self._pictures]}

@@ -1,4 +1,4 @@
-"""Pictures of episode after episode as mp4 files of a limited size."""
+"""Writes the pictures of successive episodes as mp4 files of a limited size."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -11,22 +11,22 @@ from common.episodes.episode_file import Image
 from lab.errors import DatasetError
 
 CODEC, _ENCODER = "h264", "libx264"
-PIXELS = "yuv420p"
-"""What every decoder knows."""
-KEYFRAMES = 2
-"""Every second picture stands alone, so that any is found quickly; as lerobot does."""
-BT601, LIMITED = 6, 1
-"""SMPTE 170M, 16 to 235: said in the file, so that nobody needs to guess by the size."""
+PIXEL_FORMAT = "yuv420p"
+"""Every decoder can read this pixel format."""
+KEYFRAME_INTERVAL = 2
+"""Every second picture is a key frame, as in lerobot, so that any picture is found quickly."""
+_BT601, _LIMITED_RANGE = 6, 1
+"""Colour space SMPTE 170M, 16 to 235; written to the file, since decoders guess it by the size."""
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where an episode is.
+class VideoSegment:
+    """The part of a video file that shows one episode.
 
     Attributes:
         file: number of the file.
-        begin: time of its first picture [s].
-        end: time after its last [s].
+        begin: time of the episode's first picture [s].
+        end: time after its last picture [s].
     """
 
     file: int
@@ -35,19 +35,19 @@ class Place:
 
 
 class VideoFiles:
-    """Files of one eye, one after the other; a new one is begun only between episodes."""
+    """Video files of one camera; a new file is begun only between episodes."""
 
     def __init__(
         self, folder: Path, size: tuple[int, int], rate: int, *, crf: int, limit: int
     ) -> None:
-        """Prepare.
+        """Prepare the files; none is written before the first episode.
 
         Args:
-            folder: of the files.
-            size: width and height; even numbers.
+            folder: folder of the files.
+            size: width and height [pixels]; even numbers.
             rate: pictures per second.
             crf: quality, 0 best to 51.
-            limit: a file that is larger gets no more episodes [bytes].
+            limit: size beyond which a file gets no more episodes [bytes].
 
         Raises:
             DatasetError: width or height is odd.
@@ -59,13 +59,12 @@ class VideoFiles:
             )
         self._folder, self._size, self._rate = folder, size, rate
         self._crf, self._limit = crf, limit
-        self._file, self._frames = -1, 0
+        self._file, self._frames, self._begin = -1, 0, 0
         self._container: Any = None
         self._stream: Any = None
-        self._begin = 0
 
     def begin_episode(self) -> None:
-        """The next pictures belong to another episode than the last."""
+        """Begin the next episode, in a new file if the last one is large enough."""
         if self._container is None or self._path().stat().st_size > self._limit:
             self.close()
             self._open()
@@ -77,29 +76,29 @@ class VideoFiles:
     def _open(self) -> None:
         self._file += 1
         self._frames = 0
-        self._path().parent.mkdir(parents=True, exist_ok=True)
+        self._folder.mkdir(parents=True, exist_ok=True)
         self._container = av.open(str(self._path()), "w")
-        # Without B-frames the file's times begin with 0 for every decoder.
-        options = {"crf": str(self._crf), "g": str(KEYFRAMES), "bf": "0"}
+        # Without B-frames the first time stamp of the file is 0 for every decoder.
+        options = {"crf": str(self._crf), "g": str(KEYFRAME_INTERVAL), "bf": "0"}
         stream = self._container.add_stream(_ENCODER, rate=self._rate, options=options)
         stream.width, stream.height = self._size
-        stream.pix_fmt = PIXELS
+        stream.pix_fmt = PIXEL_FORMAT
         stream.codec_context.time_base = Fraction(1, self._rate)
-        stream.codec_context.colorspace = BT601
-        stream.codec_context.color_range = LIMITED
+        stream.codec_context.colorspace = _BT601
+        stream.codec_context.color_range = _LIMITED_RANGE
         self._stream = stream
 
     def add(self, picture: Image) -> None:
         """Append one picture (height, width, 3) RGB."""
         whole = av.VideoFrame.from_ndarray(picture, format="rgb24")
-        frame = whole.reformat(format=PIXELS, interpolation="AREA")
+        frame = whole.reformat(format=PIXEL_FORMAT, interpolation="AREA")
         frame.pts, frame.time_base = self._frames, Fraction(1, self._rate)
         self._container.mux(self._stream.encode(frame))
         self._frames += 1
 
-    def end_episode(self) -> Place:
-        """Where the episode's pictures are."""
-        return Place(self._file, self._begin / self._rate, self._frames / self._rate)
+    def end_episode(self) -> VideoSegment:
+        """Return the segment of the episode."""
+        return VideoSegment(self._file, self._begin / self._rate, self._frames / self._rate)
 
     def close(self) -> None:
         """Finish the file."""

@@ -1,57 +1,49 @@
-"""The conditions that are compared: which links are late, and whether hands are interpolated."""
+"""Conditions of the study: injected delays, and whether hand set-points are interpolated."""
 
 import re
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field
 
-from common.errors import ConfigError, explain
+from common.errors import ConfigError
 from common.links.config import Links
 from common.links.spec import LinkSpec
 from common.links.summary import requested
+from lab.trials.spec import LinkTable, validated
 
 RAW, BASELINE = "raw", "interpolation"
 DIRECTIONS = ("command", "feedback", "both")
 COMMAND_INPUT = ("wbc", "teleop/setpoint")
-"""Consumer and topic by which the way from operator to robot is judged."""
+"""The input, as consumer and topic, at which latency from operator to robot is measured."""
 FEEDBACK_INPUT = ("teleop", "plant/state")
-"""The same for the way back."""
+"""The input at which the synthetic operator's latency from the robot is measured."""
 _OUTSIDE_PARENTHESES = re.compile(r",(?![^(]*\))")
 _NAME = r"^[a-z0-9][a-z0-9._-]*$"
 
 
 class Condition(BaseModel):
-    """One way to set the system up.
+    """One experimental condition.
 
     Attributes:
-        name: short, lower case.
-        label: for figures; empty: the name.
-        links: injected delays by name; no others, not even a task's own.
-        raw_hands: hand set-points go to the controller as they come, without interpolation.
+        name: short name in lower case.
+        label: title in tables and figures; empty: the name.
+        links: injected delays by name; there are no others, not even a task's own.
+        raw_hands: whether the controller uses hand set-points without interpolation.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str = Field(pattern=_NAME, max_length=40)
     label: str = Field(default="", max_length=40)
-    links: dict[str, str] = Field(default_factory=dict)
+    links: LinkTable = Field(default_factory=dict)
     raw_hands: bool = False
-
-    @field_validator("links")
-    @classmethod
-    def _known(cls, links: dict[str, str]) -> dict[str, str]:
-        try:
-            Links.from_table(links)
-        except ConfigError as error:
-            raise ValueError(str(error)) from error
-        return dict(sorted(links.items()))
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read ``NAME=command=100ms,feedback=50ms,raw``; ``NAME=none`` has no delay.
+        """Parse ``NAME=command=100ms,feedback=50ms,raw``; ``NAME=none`` has no delay.
 
         Raises:
-            ConfigError: it is no such text, or a link in it is wrong.
+            ConfigError: the text is not understood, or a link in it is wrong.
         """
         name, equals, rest = text.partition("=")
         if not equals:
@@ -66,23 +58,29 @@ class Condition(BaseModel):
             elif part.strip() != "none":
                 raise ConfigError(f"condition {text!r}: {part.strip()!r} is unknown; {_EXPECTED}")
         try:
-            return cls.model_validate(values)
-        except ValidationError as error:
-            raise ConfigError(f"condition {text!r}: {explain(error)}") from error
+            return validated(cls, values)
+        except ConfigError as error:
+            raise ConfigError(f"condition {text!r}: {error}") from error
 
     @property
     def title(self) -> str:
-        """For figures."""
+        """Title in tables and figures."""
         return self.label or self.name
 
+    @property
+    def text(self) -> str:
+        """The settings in the form that :meth:`parse` reads after the name."""
+        links = [f"{name}={spec}" for name, spec in self.links.items()]
+        return ",".join([*links, *([RAW] if self.raw_hands else [])]) or "none"
+
     def asked(self, consumer: str, topic: str) -> tuple[float, float]:
-        """Mean and 99th percentile of the delay asked for on one link [s]."""
+        """Return mean and 99th percentile of the delay requested for one input [s]."""
         asked = requested(Links.from_table(self.links).of(consumer, topic) or LinkSpec())
         return asked.mean, asked.p99
 
     @property
     def delay(self) -> float:
-        """Mean delay asked for, there and back [s]."""
+        """Mean requested delay, command and feedback together [s]."""
         return self.asked(*COMMAND_INPUT)[0] + self.asked(*FEEDBACK_INPUT)[0]
 
 
@@ -93,13 +91,15 @@ _EXPECTED = (
 
 
 def standard(direction: str) -> tuple[Condition, ...]:
-    """The paper's four: raw input, the final set-up, and this with 250 and 500 ms more.
+    """Return the paper's four conditions.
+
+    They are raw input, interpolation (the final set-up), and this with 250 and 500 ms of delay.
 
     Args:
-        direction: which way is late: ``command``, ``feedback`` or ``both``.
+        direction: which direction is delayed: ``command``, ``feedback`` or ``both``.
 
     Raises:
-        ConfigError: it is none of these.
+        ConfigError: ``direction`` is none of these.
     """
     if direction not in DIRECTIONS:
         raise ConfigError(f"expected --direction {', '.join(DIRECTIONS)}, got {direction!r}")
@@ -114,12 +114,12 @@ def standard(direction: str) -> tuple[Condition, ...]:
     )
 
 
-def chosen(options: list[str], direction: str) -> tuple[Condition, ...]:
-    """The conditions of the options; without any the standard ones.
+def chosen_conditions(options: list[str], direction: str) -> tuple[Condition, ...]:
+    """Return the conditions that were asked for; without options the standard ones.
 
     Args:
-        options: each the name of a standard one, or as :meth:`Condition.parse` reads it.
-        direction: of the standard ones.
+        options: each the name of a standard condition, or a text for :meth:`Condition.parse`.
+        direction: delayed direction of the standard conditions.
 
     Raises:
         ConfigError: an option is wrong, or two conditions have the same name.

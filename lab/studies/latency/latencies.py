@@ -1,4 +1,4 @@
-"""How old what a service acted on was, from its journal. Pure."""
+"""Measures the age of the messages that a service acted on, from its journal."""
 
 from collections import defaultdict
 
@@ -23,8 +23,8 @@ Input = tuple[str, str]
 class Latencies:
     """Latency of each input: from sending a message to the step of the consumer that acted on it.
 
-    Of several messages that one step took in it acted on the newest. Messages whose sender's clock
-    is not known are left out.
+    If one step takes in several messages, it acts on the newest. Messages from a sender whose clock
+    offset is unknown are left out.
     """
 
     def __init__(self) -> None:
@@ -32,10 +32,10 @@ class Latencies:
         self._lost: defaultdict[Input, int] = defaultdict(int)
 
     def add(self, journal: StepJournal) -> None:
-        """Take in a journal.
+        """Add the steps of a journal.
 
         Raises:
-            SchemaError: it contradicts itself.
+            SchemaError: the journal contradicts itself.
         """
         steps, inputs = read_tables(journal)
         for index, source in enumerate(journal.sources):
@@ -54,16 +54,16 @@ class Latencies:
             ]
 
     def of(self, consumer: str, topic: str) -> list[float]:
-        """The latencies of one input in the order of time [s]."""
+        """Return the latencies of one input in order of time [s]."""
         return list(self._found.get((consumer, topic), ()))
 
     def lost(self, consumer: str, topic: str) -> int:
-        """Messages its link lost on purpose."""
+        """Return the number of messages that the input's link lost on purpose."""
         return self._lost.get((consumer, topic), 0)
 
 
 def mean_p99(latencies: list[float]) -> tuple[float, float] | None:
-    """Mean and 99th percentile; None: there are none."""
+    """Return mean and 99th percentile; None: there are no latencies."""
     if not latencies:
         return None
     return float(np.mean(latencies)), float(np.percentile(latencies, 99))

@@ -1,4 +1,4 @@
-"""How far and how roughly the hands were moved. Pure."""
+"""Measures how far and how roughly the hands were moved in a trial."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from common.schemas.arrays import Float64Array as Array
 _ARMS = np.array([i for i, joint in enumerate(JOINTS) if joint.group.endswith("arm")])
 
 
-class Motion:
-    """Adds up a trial's set-points and states, each in the order of time."""
+class HandMotion:
+    """Accumulates the set-points and states of a trial, each in order of time."""
 
     def __init__(self) -> None:
         self._hands: Array | None = None
@@ -20,19 +20,19 @@ class Motion:
 
     @property
     def hand_path(self) -> float | None:
-        """How far both hands were told to go, in the body frame [m]; None: they were not told."""
+        """Length of the path of both hands' set-points in the body frame [m]; None without any."""
         return None if self._hands is None else self._path
 
     @property
     def arm_acceleration(self) -> float | None:
         """Root mean square of the arms' joint accelerations since the first set-point [rad/s²].
 
-        Over joints and time, from differences of measured joint velocities.
+        The mean is over joints and time; accelerations are differences of measured velocities.
         """
         return float(np.sqrt(self._squares / self._states)) if self._states else None
 
-    def told(self, setpoint: Setpoint) -> None:
-        """Take in a set-point."""
+    def add_setpoint(self, setpoint: Setpoint) -> None:
+        """Add a set-point of the operator."""
         hands = np.array(
             [setpoint.left_hand_position_in_body, setpoint.right_hand_position_in_body]
         )
@@ -40,8 +40,8 @@ class Motion:
             self._path += float(np.linalg.norm(hands - self._hands, axis=1).sum())
         self._hands = hands
 
-    def measured(self, state: PlantState) -> None:
-        """Take in a state of the robot."""
+    def add_state(self, state: PlantState) -> None:
+        """Add a measured state of the robot."""
         last, self._last = self._last, state
         if last is None or self._hands is None or last.reset_count != state.reset_count:
             return

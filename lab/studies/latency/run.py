@@ -1,14 +1,14 @@
-"""Runs the trials that a study lacks."""
+"""Runs the trials that a study lacks, and shows the progress."""
 
-from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from statistics import fmean
 
+from lab.progress import ProgressBar, format_duration
 from lab.studies.latency.plan import Plan, TrialKey
-from lab.studies.latency.row import TrialRow
-from lab.studies.latency.store import Store
+from lab.studies.latency.record import StudyTrial
+from lab.studies.latency.store import StudyStore
 from lab.studies.latency.trial import run_study_trial
 from lab.trials.campaign import Executor, run_campaign
 
@@ -28,31 +28,35 @@ class StudyProgress:
     wanted: int
     jobs: int
     todo: list[TrialKey]
-    done: dict[TrialKey, TrialRow] = field(default_factory=dict)
+    done: dict[TrialKey, StudyTrial] = field(default_factory=dict)
     resumed: int = 0
 
     @property
     def left(self) -> float | None:
         """Estimated time left [s], from the trials so far; None: there is none yet."""
-        walls: dict[tuple[str, str], list[float]] = defaultdict(list)
-        for key, row in self.done.items():
-            walls[key.task, key.condition].append(row.wall)
-        if not walls:
+        if not self.done:
             return None
-        usual = fmean(row.wall for row in self.done.values())
         missing = [key for key in self.todo if key not in self.done]
-        each = (fmean(walls.get((key.task, key.condition), [usual])) for key in missing)
-        return sum(each) / min(self.jobs, max(1, len(missing)))
+        walls = (self._usual_wall(key) for key in missing)
+        return sum(walls) / min(self.jobs, max(1, len(missing)))
+
+    def _usual_wall(self, key: TrialKey) -> float:
+        """Return the mean time of trials like ``key``, or of all if there is none yet [s]."""
+        kind = (key.task, key.condition)
+        alike = [trial.wall for k, trial in self.done.items() if (k.task, k.condition) == kind]
+        return fmean(alike or [trial.wall for trial in self.done.values()])
 
 
 def run_study(
     plan: Plan,
-    store: Store,
+    store: StudyStore,
     open_executor: Callable[[], Executor],
     *,
     episodes: int,
     jobs: int,
-    on_progress: Callable[[StudyProgress, TrialRow | None], None] = lambda _progress, _row: None,
+    on_progress: Callable[[StudyProgress, StudyTrial | None], None] = lambda _progress, _trial: (
+        None
+    ),
     on_message: Callable[[str], None] = lambda _text: None,
 ) -> StudyProgress:
     """Run every trial that ``store`` lacks.
@@ -71,17 +75,19 @@ def run_study(
         ConfigError: the store was begun with other settings.
     """
     with store.writing(plan):
-        trials = list(plan.trials(episodes))
-        known = {TrialKey(row.seed, row.task, row.condition): row for row in store.rows()}
-        done = {key: known[key] for key in trials if key in known}
-        todo = [key for key in trials if key not in done]
-        progress = StudyProgress(len(trials), jobs, todo, done, len(done))
+        keys = list(plan.keys(episodes))
+        known = {
+            TrialKey(trial.seed, trial.task, trial.condition): trial for trial in store.trials()
+        }
+        done = {key: known[key] for key in keys if key in known}
+        todo = [key for key in keys if key not in done]
+        progress = StudyProgress(len(keys), jobs, todo, done, len(done))
         on_progress(progress, None)
 
-        def keep(key: TrialKey, row: TrialRow) -> None:
-            store.add(row)
-            progress.done[key] = row
-            on_progress(progress, row)
+        def keep(key: TrialKey, trial: StudyTrial) -> None:
+            store.add(trial)
+            progress.done[key] = trial
+            on_progress(progress, trial)
 
         if todo:
             run_campaign(
@@ -93,3 +99,21 @@ def run_study(
                 on_wait=lambda: on_progress(progress, None),
             )
     return progress
+
+
+def show_progress(bar: ProgressBar, progress: StudyProgress, trial: StudyTrial | None) -> None:
+    """Show a bar on a terminal, a line for each trial elsewhere; ``trial`` has just ended."""
+    done, left = len(progress.done), progress.left
+    eta = "" if left is None else f"ETA {format_duration(left)}"
+    bar.show(done, progress.wanted, eta)
+    if trial is None:
+        return
+    text = (
+        f"{trial.task} {trial.condition} seed {trial.seed}: {trial.verdict} at {trial.time:.1f} s"
+    )
+    if trial.verdict != "success":
+        text += f": {trial.reason}"
+    if not bar.console.is_terminal:
+        bar.say(f"[{done}/{progress.wanted}] {text}; {eta}")
+    elif trial.verdict != "success":
+        bar.say(text)

@@ -1,47 +1,43 @@
-"""A study's directory.
+"""Keeps a study in a folder.
 
-study.json        the plan: what every trial has in common
-trials.jsonl      a line a trial of the synthetic operator, appended when it has ended
-human.jsonl       a line a trial of a person
+study.json        the plan: what all trials have in common
+trials.jsonl      a line for each trial of the synthetic operator, appended when it has ended
+human.jsonl       a line for each trial of a person
 tlx/              answer sheets
-trials.csv, summary.csv, summary.json, latency.png      made from these
+trials.csv, summary.csv, workload.csv, summary.json, latency.png      the report
 """
 
-import json
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
-from pydantic import ValidationError
-
-from common.errors import ConfigError, explain
-from common.files import exclusive_lock, write_whole
+from common.errors import ConfigError
 from lab.errors import LatencyStudyError
 from lab.studies.latency.plan import Plan
-from lab.studies.latency.row import TrialRow
+from lab.studies.latency.record import StudyTrial
+from lab.trials.folder import locked_folder, read_model, write_model
 from lab.trials.results import JsonLines
 
 PLAN, TRIALS, HUMAN, SHEETS = "study.json", "trials.jsonl", "human.jsonl", "tlx"
-_LOCK = ".lock"
 
 
-class Store:
+class StudyStore:
     """A study on disk.
 
     Attributes:
-        root: its directory.
+        root: its folder.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root
 
     def plan(self) -> Plan:
-        """What the study consists of.
+        """Return the study's plan.
 
         Raises:
-            LatencyStudyError: there is none here, or its file is wrong.
+            LatencyStudyError: there is no study here, or its file is wrong.
         """
-        plan = self._plan()
+        plan = self._read_plan()
         if plan is None:
             raise LatencyStudyError(
                 f"no study in {self.root}: expected {PLAN} there; begin one with: trill study "
@@ -51,74 +47,50 @@ class Store:
 
     @contextmanager
     def writing(self, plan: Plan) -> Iterator[None]:
-        """Be the only one that runs trials here; begin the study, or go on with it.
+        """Begin the study, or continue it, as the only process that runs trials here.
 
         Raises:
             ConfigError: it was begun with other settings.
-            LatencyStudyError: somebody else runs trials here, or it is no place to write.
+            LatencyStudyError: another process runs trials here, or the folder cannot be written.
         """
-        with ExitStack() as stack:
-            with self._disk():
-                self.root.mkdir(parents=True, exist_ok=True)
-                stack.enter_context(exclusive_lock(self.root / _LOCK, LatencyStudyError))
-            known = self._plan()
-            # Labels are no difference: they are of the figure alone.
-            if known is not None and (differences := known.differences(plan)):
-                told = "\n  ".join(differences)
+        with locked_folder(self.root, LatencyStudyError):
+            known = self._read_plan()
+            if known is None:
+                write_model(self.root / PLAN, plan, LatencyStudyError)
+            elif differences := known.differences(plan):
+                lines = "\n  ".join(differences)
                 raise ConfigError(
                     f"{self.root} was begun with other settings; go on with the same, or choose "
-                    f"another --out. There | asked for:\n  {told}"
+                    f"another --out. There | asked for:\n  {lines}"
                 )
-            if known is None:
-                text = json.dumps(plan.model_dump(mode="json"), indent=1) + "\n"
-                with self._disk():
-                    write_whole(self.root / PLAN, text.encode())
             yield
 
-    def rows(self) -> list[TrialRow]:
-        """Trials of the synthetic operator, as they ended.
+    def trials(self) -> list[StudyTrial]:
+        """Return the trials of the synthetic operator in the order in which they ended.
 
         Raises:
-            LabError: a line is wrong; a torn last line is passed over.
+            LabError: a line is wrong; a torn last line is ignored.
         """
         return self._file(TRIALS).read()
 
-    def human_rows(self) -> list[TrialRow]:
-        """Trials of persons.
+    def human_trials(self) -> list[StudyTrial]:
+        """Return the trials of persons.
 
         Raises:
-            LabError: as for :meth:`rows`.
+            LabError: as for :meth:`trials`.
         """
         return self._file(HUMAN).read()
 
-    def add(self, row: TrialRow) -> None:
-        """Keep a trial, whatever happens after.
+    def add(self, trial: StudyTrial) -> None:
+        """Append a trial; it is on the disk when this returns.
 
         Raises:
             LabError: it cannot be written.
         """
-        self._file(TRIALS if row.operator == "synthetic" else HUMAN).append(row)
+        self._file(TRIALS if trial.operator == "synthetic" else HUMAN).append(trial)
 
-    def _file(self, name: str) -> JsonLines[TrialRow]:
-        return JsonLines(self.root / name, TrialRow)
+    def _file(self, name: str) -> JsonLines[StudyTrial]:
+        return JsonLines(self.root / name, StudyTrial)
 
-    @contextmanager
-    def _disk(self) -> Iterator[None]:
-        """What the disk refuses, in words."""
-        try:
-            yield
-        except OSError as error:
-            raise LatencyStudyError(
-                f"cannot write in {self.root}: {error.strerror}; choose another --out"
-            ) from error
-
-    def _plan(self) -> Plan | None:
-        path = self.root / PLAN
-        try:
-            return Plan.model_validate_json(path.read_bytes())
-        except FileNotFoundError:
-            return None
-        except OSError as error:
-            raise LatencyStudyError(f"cannot read {path}: {error.strerror}") from error
-        except ValidationError as error:
-            raise LatencyStudyError(f"{path}: {explain(error)}") from error
+    def _read_plan(self) -> Plan | None:
+        return read_model(self.root / PLAN, Plan, LatencyStudyError)

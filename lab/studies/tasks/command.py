@@ -21,19 +21,19 @@ EXAMPLES = """examples:
   python -m lab.studies.tasks run bench/hammer --seeds 3 --link both=250ms
   python -m lab.studies.tasks run hardware/tool --seeds 3 --link none   without the task's own link
   python -m lab.studies.tasks run all --seeds 0:100 --jobs 2 --out runs/studies/tasks.jsonl
-  python -m lab.studies.tasks film all --out docs/tasks
+  python -m lab.studies.tasks pictures all --out docs/tasks
 
-With --out a run may be ended or killed, and the same command goes on; all tasks with 100 seeds take
-hours.
-A task may have a link of its own (the hardware/ tasks: command=paper); it holds unless --link is
-given.
+With --out a run may be stopped or killed, and the same command continues it; all tasks with 100
+seeds take hours. A task may have a link of its own (the hardware/ tasks: command=paper), which
+holds unless --link is given.
+
 The exit code is 0 when every trial was a success, 1 when not, 2 when an option is wrong, 130 after
 Ctrl-C.
 """
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line."""
+    """Return the parser of the command line."""
     main = argparse.ArgumentParser(
         prog="python -m lab.studies.tasks",
         description="Scored tasks done by the synthetic operator, in simulated time.",
@@ -47,42 +47,40 @@ def parser() -> argparse.ArgumentParser:
         description="Run trials of one task (or all) and print success, partial and failure.",
         formatter_class=OptionFormatter,
     )
-    run.add_argument("task", choices=["all", *all_tasks()], help="which task")
-    run.add_argument("--seeds", type=options.seed_range, default="0:5", help="for instance 0:25")
+    _trial_options(run)
     options.add_executor_options(run, default_jobs="1")
     run.add_argument(
         "--out",
         type=Path,
-        help="keep each trial here as a line of JSON; what is there already is not run again",
+        help="keep each trial here as a line of JSON; trials that are there are not run again",
     )
-    _trial_options(run)
-    film = commands.add_parser(
-        "film",
-        help="pictures of a success of a task, or of every task",
-        description="Run trials, seed after seed, until one is a success, and write its telling "
-        "moments as one picture, from outside and through the robot's eye. Without a success the "
-        "last one is shown.",
+    pictures = commands.add_parser(
+        "pictures",
+        help="draw a success of a task, or of every task",
+        description="Run trials, seed after seed, until one is a success, and draw its key moments "
+        "as one picture, from outside and from the robot's left camera. If there is no success, "
+        "the last trial is drawn.",
         formatter_class=OptionFormatter,
     )
-    film.add_argument("task", choices=["all", *all_tasks()], help="which task")
-    film.add_argument(
-        "--seeds", type=options.seed_range, default="0:5", help="for instance 7 or 0:5"
+    _trial_options(pictures)
+    pictures.add_argument("--view", type=int, choices=[0, 1, 2], help="one of the scene's cameras")
+    pictures.add_argument(
+        "--out", type=Path, default=Path("runs/studies/pictures"), help="directory or file name"
     )
-    film.add_argument("--view", type=int, choices=[0, 1, 2], help="one of the scene's cameras")
-    film.add_argument(
-        "--out", type=Path, default=Path("runs/studies/films"), help="directory, or a file's name"
-    )
-    _trial_options(film)
     return main
 
 
 def _trial_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("task", choices=["all", *all_tasks()], help="name of the task")
+    parser.add_argument(
+        "--seeds", type=options.seed_range, default="0:5", help="for instance 7 or 0:25"
+    )
     options.add_trial_options(parser)
     options.add_link_options(parser)
 
 
 def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
-    """The trials asked for.
+    """Return the trials that the options ask for.
 
     Raises:
         ConfigError: a link is not understood.
@@ -97,7 +95,7 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the trials with a progress bar, print the table; 0 if all were a success."""
+    """Run the trials with a progress bar and print the table; returns 0 if all succeeded."""
     trials = specs(arguments)
     try:
         file = TrialFile(arguments.out)
@@ -128,42 +126,41 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if all(result.verdict == "success" for result in results) else 1
 
 
-def film(arguments: argparse.Namespace) -> int:
-    """Show a success of each task; 1 if one had none."""
+def pictures(arguments: argparse.Namespace) -> int:
+    """Draw a success of each task; returns 1 if a task had none."""
     from lab.monitor.tasks_text import sheet_name
-    from lab.studies.tasks.film import check_place, record, write_sheet
+    from lab.studies.tasks.pictures import check_picture_path, record_trial, write_sheet
 
     out: Path = arguments.out
     if out.suffix and arguments.task == "all":
         raise ConfigError(f"--out: expected a directory for several tasks, got {out}")
-    missed = False
     trials = specs(arguments)
-    tasks = list(dict.fromkeys(trial.task for trial in trials))
-    places = {task: out if out.suffix else out / sheet_name(task) for task in tasks}
-    for path in places.values():
-        check_place(path)
-    for task, path in places.items():
+    tasks = dict.fromkeys(trial.task for trial in trials)
+    paths = {task: out if out.suffix else out / sheet_name(task) for task in tasks}
+    for path in paths.values():
+        check_picture_path(path)
+    code = 0
+    for task, path in paths.items():
         for trial in (trial for trial in trials if trial.task == task):
-            result, moments = record(trial)
+            result, timeline = record_trial(trial)
             print(line(result), flush=True)
             if result.verdict == "success":
                 break
-        missed = missed or result.verdict != "success"
-        write_sheet(result, moments, path, arguments.view)
+        else:
+            code = 1
+        write_sheet(result, timeline, path, arguments.view)
         print(f"{path}  {path.stat().st_size / 1000:.0f} kB", flush=True)
-    return int(missed)
+    return code
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the study; returns the exit code."""
     arguments = parser().parse_args(argv)
     try:
-        if arguments.command == "film":
-            return film(arguments)
-        return run(arguments)
+        return pictures(arguments) if arguments.command == "pictures" else run(arguments)
     except TrillError as error:
         print(f"lab.studies.tasks: {error}", file=sys.stderr)
         return 2 if isinstance(error, ConfigError) else 1
     except KeyboardInterrupt:
-        print("lab.studies.tasks: ended; with --out, what is done is kept", file=sys.stderr)
+        print("lab.studies.tasks: stopped; with --out, what is done is kept", file=sys.stderr)
         return 130

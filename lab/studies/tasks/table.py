@@ -1,15 +1,14 @@
-"""Results of trials as text."""
+"""Formats results of trials as text."""
 
-import statistics
 from collections import Counter
 from collections.abc import Sequence
 
 from lab.trials.links import links_text
-from lab.trials.spec import TrialResult
+from lab.trials.spec import TrialResult, format_spread
 
 
 def line(result: TrialResult) -> str:
-    """One trial in one line."""
+    """Format one trial in one line."""
     gave_up = f"; the operator gave up: {result.gave_up}" if result.gave_up else ""
     doing = "" if result.verdict == "success" else f" ({result.doing})"
     return (
@@ -19,7 +18,7 @@ def line(result: TrialResult) -> str:
 
 
 def summary(results: Sequence[TrialResult]) -> str:
-    """A table with a row a task, then what was not a success and why."""
+    """Format a table with a row for each task, then the reasons of all other verdicts."""
     rows = [
         "| task | link | trials | success | partial | failure | time of successes [s] | speed |",
         "|---|---|---|---|---|---|---|---|",
@@ -38,12 +37,9 @@ def summary(results: Sequence[TrialResult]) -> str:
 def _row(task: str, results: Sequence[TrialResult]) -> str:
     count = Counter(result.verdict for result in results)
     times = [result.time for result in results if result.verdict == "success"]
-    spread = (
-        f"{statistics.median(times):.1f} ({min(times):.1f} to {max(times):.1f})" if times else ""
-    )
     links = ", ".join(dict.fromkeys(links_text(result.links) for result in results))
     speed = sum(r.simulated for r in results) / max(1e-9, sum(r.wall for r in results))
     return (
         f"| {task} | {links} | {len(results)} | {count['success']} | {count['partial']} "
-        f"| {count['failure']} | {spread} | {speed:.2f} x |"
+        f"| {count['failure']} | {format_spread(times)} | {speed:.2f} x |"
     )

@@ -20,6 +20,7 @@ from common.runtime.live.clock_sync import (
 from common.runtime.live.components import RunnerContext
 from common.schemas import Header, PeerHealth
 from tests.common.runtime.test_live import ROOT, Stack
+from verification.faults.support import clock_shim
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -248,7 +249,7 @@ class SkewedStack(Stack):
     """Toy services of which the plant's clock is off."""
 
     def start_shifted(self, *options: str) -> "subprocess.Popen[str]":
-        command = [sys.executable, "-m", "verification.faults.shifted", *options]
+        command = [sys.executable, "-m", clock_shim.MODULE, *options]
         command += ["--", "tests.common.runtime.toys", "--kind", "plant", "--rt-priority", "0"]
         command += ["--base-port", str(self.config.base_port)]
         environment = {k: v for k, v in os.environ.items() if not k.startswith("TRILL_")}
@@ -276,18 +277,12 @@ def stack() -> Iterator[SkewedStack]:
     running.stop()
 
 
-def may_have_time_namespaces() -> bool:
-    text = "from verification.faults.shifted import enter_time_namespace as e; e(1.0)"
-    tried = subprocess.run([sys.executable, "-c", text], cwd=ROOT, capture_output=True, check=False)
-    return tried.returncode == 0
-
-
 @pytest.mark.parametrize("skew", [-0.2, 0.2])
 @pytest.mark.parametrize("namespace", [False, True])
 def test_skewed_processes_find_their_offset_and_nothing_is_stale(
     stack: SkewedStack, skew: float, namespace: bool
 ) -> None:
-    if namespace and not may_have_time_namespaces():
+    if namespace and not clock_shim.has_time_namespaces():
         pytest.skip("needs root and a kernel with time namespaces")
     stack.start_shifted("--skew", str(skew), *(["--namespace"] if namespace else []))
     stack.start("wbc", "controller")

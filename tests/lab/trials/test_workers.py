@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lab.trials.workers import LocalExecutor, stop_wanted, worker_environment
+from lab.trials.workers import LocalExecutor, stop_request, worker_environment
 
 
 def pid() -> int:
@@ -18,18 +18,18 @@ def pid() -> int:
 
 def busy(seconds: float) -> int:
     end = time.monotonic() + seconds
-    while time.monotonic() < end and not stop_wanted():
+    while time.monotonic() < end and not stop_request().is_set():
         time.sleep(0.01)
     return os.getpid()
 
 
-def test_one_that_is_killed_is_lost_alone_and_replaced() -> None:
+def test_a_killed_worker_is_lost_alone_and_replaced() -> None:
     workers = LocalExecutor(2)
     try:
         first, second = workers.submit(busy, 600.0), workers.submit(pid)
         survivor = second.result(60.0)
         other = workers.submit(busy, 2.0)
-        (victim,) = {worker.pid for worker in workers._workers} - {survivor}
+        (victim,) = set(workers.pids) - {survivor}
         os.kill(victim, signal.SIGKILL)
         with pytest.raises(BrokenProcessPool):
             first.result(60.0)
@@ -39,25 +39,25 @@ def test_one_that_is_killed_is_lost_alone_and_replaced() -> None:
         workers.end()
 
 
-def test_one_that_is_stopped_is_told_then_killed() -> None:
+def test_a_stopped_worker_is_reported_then_killed() -> None:
     workers = LocalExecutor(1, silence=2.0, patience=10.0)
     try:
+        stopped = workers.submit(pid).result(60.0)
+        assert workers.pids == [stopped]
         future = workers.submit(busy, 600.0)
-        while workers._workers[0]._beats.value < 10:
-            time.sleep(0.1)
-        os.kill(workers._workers[0].pid, signal.SIGSTOP)
-        news: list[str] = []
+        os.kill(stopped, signal.SIGSTOP)
+        messages: list[str] = []
         while not future.done():
-            news += workers.watch()
+            messages += workers.watch()
             time.sleep(0.1)
         assert isinstance(future.exception(), BrokenProcessPool)
-        assert ["kill -CONT" in text for text in news] == [True, False]
-        assert "killed" in news[1]
+        assert ["kill -CONT" in text for text in messages] == [True, False]
+        assert "killed" in messages[1]
     finally:
         workers.end()
 
 
-def test_the_end_waits_for_nobody_who_is_stopped() -> None:
+def test_the_end_does_not_wait_for_a_stopped_worker() -> None:
     workers = LocalExecutor(1)
     stopped = workers.submit(pid).result(60.0)
     workers.submit(busy, 600.0)

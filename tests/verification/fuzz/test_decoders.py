@@ -15,19 +15,19 @@ COUNT = 1500
 
 @pytest.mark.parametrize("topic", ALL_TOPICS, ids=lambda topic: topic.name)
 def test_everything_is_counted_and_nothing_crashes(topic: Topic[Any]) -> None:
-    account = fuzz_topic(topic, COUNT, seed=1)
-    assert account.crash == ""
-    assert account.fed == COUNT == account.applied + account.refused + account.late
+    result = fuzz_topic(topic, COUNT, seed=1)
+    assert result.crash == ""
+    assert result.fed == COUNT == result.applied + result.refused + result.late
     # Most damage shows; a flipped bit in a number does not.
-    assert account.refused > 0.75 * COUNT
-    assert set(account.by_damage) == set(DAMAGES)
-    assert account.applied > 0
+    assert result.refused > 0.75 * COUNT
+    assert set(result.refused_by_damage) == set(DAMAGES)
+    assert result.applied > 0
 
 
-def test_same_seed_same_account() -> None:
+def test_same_seed_same_result() -> None:
     first, second = (fuzz_topic(TELEOP_GAIT, 300, seed=4) for _ in range(2))
-    assert first.by_damage == second.by_damage
-    assert first.by_damage != fuzz_topic(TELEOP_GAIT, 300, seed=5).by_damage
+    assert first.refused_by_damage == second.refused_by_damage
+    assert first.refused_by_damage != fuzz_topic(TELEOP_GAIT, 300, seed=5).refused_by_damage
 
 
 def test_a_decoder_that_lets_nan_through_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Small versions of the walking study: the same checks, fewer gaits."""
+"""Short versions of the walking checks."""
 
 from dataclasses import replace
 from typing import Literal
@@ -8,98 +8,95 @@ import pytest
 
 from common.schemas import Gait
 from verification.walking import checks
+from verification.walking.checks import NOISY, STANDING, STEPPING, Check
 from verification.walking.measures import push, silence, walk
-from verification.walking.stack import NOISE, Scenario, Stack, commanded_stance
+from verification.walking.stack import Scenario, Stack, commanded_stance
 
-NOISY = Scenario(delay=0.01, noise=NOISE)
+
+def assert_kept(check: Check) -> None:
+    numbers = check.measure()
+    assert check.keeps(numbers), check.describe(numbers)
 
 
 @pytest.mark.parametrize("gait", checks.SIX)
 def test_each_gait_twice_with_delay_and_noise_ends_where_commanded(gait: Gait) -> None:
-    outcome = checks.gait_check(gait, 2, NOISY)
-    assert outcome.passed, outcome.text
+    assert_kept(checks.walk_check("", "", replace(NOISY, gaits=(gait,) * 2, seed=int(gait))))
 
 
 def test_each_pair_of_gaits_in_one_rated_walk() -> None:
-    result = walk(replace(NOISY, gaits=checks.SIX, mode="rated"))
-    assert not result.fell
-    assert result.completed == 6
-    assert result.within_tolerance, result
+    assert_kept(checks.walk_check("", "", replace(NOISY, gaits=checks.SIX, torque_mode="rated")))
 
 
 def test_random_gaits_with_moving_hands() -> None:
-    outcome = checks.random_check(4, 7)
-    assert outcome.passed, outcome.text
+    assert_kept(checks.random_check(4))
 
 
 def test_loop_delay_of_30_ms_walks() -> None:
-    result = walk(Scenario(gaits=(Gait.FORWARD, Gait.TURN_RIGHT), delay=0.03))
-    assert not result.fell
-    assert result.completed == 2
+    numbers = walk(Scenario(gaits=(Gait.FORWARD, Gait.TURN_RIGHT), delay=0.03))
+    assert not numbers["fell"]
+    assert numbers["completed"] == 2
 
 
 @pytest.mark.parametrize("degrees", [0, 135, 270])
 def test_pushes_of_100_newtons_standing(degrees: int) -> None:
     angle = np.radians(degrees)
-    assert push(Scenario(), 100.0 * np.array([np.cos(angle), np.sin(angle), 0.0]), 2.0)
+    assert push(STANDING, 100.0 * np.array([np.cos(angle), np.sin(angle), 0.0]), 2.0)
 
 
 @pytest.mark.parametrize(("degrees", "at"), [(90, 2.3), (180, 2.8)])
 def test_pushes_of_60_newtons_walking(degrees: int, at: float) -> None:
     angle = np.radians(degrees)
-    force = 60.0 * np.array([np.cos(angle), np.sin(angle), 0.0])
-    assert push(Scenario(gaits=(Gait.FORWARD,)), force, at)
+    assert push(STEPPING, 60.0 * np.array([np.cos(angle), np.sin(angle), 0.0]), at)
 
 
 def test_a_push_beyond_any_balance_falls() -> None:
-    assert not push(Scenario(), np.array([600.0, 0.0, 0.0]), 2.0)
+    assert not push(STANDING, np.array([600.0, 0.0, 0.0]), 2.0)
 
 
 def test_silence_of_90_ms_while_walking_goes_unnoticed() -> None:
-    result = silence(Scenario(gaits=(Gait.FORWARD,)), 2.3, 0.09)
-    assert not result.held
-    assert not result.fell
+    numbers = silence(STEPPING, 2.3, 0.09)
+    assert not numbers["held"]
+    assert not numbers["fell"]
 
 
-def test_silence_of_1_s_standing_is_held_and_left_without_a_jump() -> None:
-    result = silence(Scenario(), 2.0, 1.0)
-    assert result.held
-    assert not result.fell
-    assert result.joint_step < 0.05
-
-
-def test_restarted_controller_takes_over_without_a_jump() -> None:
-    result = silence(Scenario(), 2.0, 0.5, restart=True)
-    assert result.held
-    assert not result.fell
-    assert result.joint_step < 0.05
+@pytest.mark.parametrize(("length", "restart"), [(1.0, False), (0.5, True)])
+def test_silence_or_restart_while_standing_is_held_and_left_without_a_jump(
+    length: float, restart: bool
+) -> None:
+    numbers = silence(STANDING, 2.0, length, restart)
+    assert numbers["held"]
+    assert not numbers["fell"]
+    assert float(numbers["joint_step_rad"]) < 0.05
 
 
 @pytest.mark.parametrize("at", [2.0, 2.9])
 def test_controller_restarted_in_mid_gait_puts_the_foot_down(at: float) -> None:
-    outcome = checks.midway_check(0.5, True, (at,))
-    assert outcome.passed, outcome.text
+    assert_kept(checks.midway_check("", (at,), 0.5, restart=True))
 
 
 @pytest.mark.parametrize("axis", [1, 2])
 def test_hands_follow_a_sine_standing(axis: int) -> None:
-    outcome = checks.tracking_check(axis, (), 0.010)
-    assert outcome.passed, outcome.text
+    assert_kept(checks.tracking_check(axis, (), 0.010))
 
 
 def test_hands_follow_a_sine_walking() -> None:
-    outcome = checks.tracking_check(2, (Gait.FORWARD,), 0.020)
-    assert outcome.passed, outcome.text
+    assert_kept(checks.tracking_check(2, (Gait.FORWARD,), 0.020))
 
 
 def test_static_reach() -> None:
-    outcome = checks.reach_check(checks.REACH_TARGETS[0])
-    assert outcome.passed, outcome.text
+    assert_kept(checks.reach_check(checks.REACH_TARGETS[0]))
 
 
 def test_same_seed_same_bytes() -> None:
-    outcome = checks.determinism_check(1)
-    assert outcome.passed, outcome.text
+    assert_kept(checks.determinism_check(1))
+
+
+def test_a_number_beyond_its_limit_breaks_the_promise() -> None:
+    check = Check("", "", dict, {"error_m": 0.01}, {"completed": 2})
+    assert check.keeps({"error_m": 0.01, "completed": 2})
+    assert not check.keeps({"error_m": 0.011, "completed": 2})
+    assert not check.keeps({"error_m": 0.01, "completed": 1})
+    assert check.describe({"error_m": 0.01, "note": ""}) == "error_m 0.01 (≤ 0.01)"
 
 
 def test_exact_solver_walks_to_the_same_place() -> None:

@@ -4,8 +4,8 @@ import hashlib
 import random
 import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections import Counter
+from collections.abc import Container
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,11 @@ import numpy as np
 
 from common.episodes.columns import COLUMNS, Rows
 from common.episodes.episode_file import EpisodeMeta, to_bytes
-from lab.demonstrations.collect.collect import collect
+from lab.demonstrations.collect.collect import SeedKey, collect
 from lab.demonstrations.collect.config import EpisodeConfig, collecting_code
 from lab.demonstrations.collect.episode import EpisodeResult
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
+from tests.lab.trials.fake_executor import FakeExecutor
 
 FAILING = {1, 4, 5, 6, 11}
 CONFIG = EpisodeConfig(task="door/unlock", physics_steps=5, pictures=None)
@@ -61,41 +62,37 @@ def made(seed: int, verdict: str = "success") -> EpisodeResult:
     return EpisodeResult(about, content, simulated=6.0, wall=2.0)
 
 
-class FakeExecutor:
-    """Threads that take random times; which seeds succeed is settled beforehand.
+def fake_executor(
+    jobs: int = 1,
+    failing: Container[int] = FAILING,
+    *,
+    haste: int = 0,
+    together: int = 1,
+    losses: dict[int, int] | None = None,
+) -> FakeExecutor:
+    """Return an executor that invents results after random times.
 
-    The first ``together`` trials only end once all of them have begun.
+    Args:
+        jobs: number of workers.
+        failing: seeds of the trials that are no success.
+        haste: seed of the times.
+        together: the first so many trials only end once all of them have begun.
+        losses: how many workers the trials with these seeds lose.
     """
+    pauses, barrier = random.Random(haste), threading.Barrier(together)
+    left = Counter(losses or {})
 
-    lost: tuple[type[Exception], ...] = ()
+    def make(key: SeedKey) -> EpisodeResult:
+        if key.seed < together:
+            barrier.wait(timeout=20.0)
+        time.sleep(pauses.uniform(0.0, 0.01))
+        return made(key.seed, "failure" if key.seed in failing else "success")
 
-    def __init__(self, jobs: int, failing: set[int], haste: int = 0, together: int = 1) -> None:
-        self.size = jobs
-        self.given: list[int] = []
-        self.ended = False
-        self._failing, self._haste = failing, random.Random(haste)
-        self._together, self._barrier = together, threading.Barrier(together)
-        self._pool = ThreadPoolExecutor(jobs)
+    def loses(key: SeedKey) -> bool:
+        left[key.seed] -= 1
+        return left[key.seed] >= 0
 
-    def submit(self, work: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
-        (key,) = arguments
-        seed = key.seed
-        self.given.append(seed)
-        first = len(self.given) <= self._together
-        return self._pool.submit(self._work, seed, first, self._haste.uniform(0.0, 0.01))
-
-    def _work(self, seed: int, first: bool, pause: float) -> EpisodeResult:
-        if first:
-            self._barrier.wait(timeout=20.0)
-        time.sleep(pause)
-        return made(seed, "failure" if seed in self._failing else "success")
-
-    def watch(self) -> list[str]:
-        return []
-
-    def end(self) -> None:
-        self._pool.shutdown()
-        self.ended = True
+    return FakeExecutor(make, jobs, loses)
 
 
 def digests(root: Path) -> dict[str, str]:
@@ -107,8 +104,20 @@ def digests(root: Path) -> dict[str, str]:
     }
 
 
-def gather(root: Path, wanted: int, jobs: int = 1, haste: int = 0, most: int = 99) -> FakeExecutor:
-    """Collect with an invented executor, in which the seeds ``FAILING`` are no success."""
-    executor = FakeExecutor(jobs, FAILING, haste)
-    collect(CONFIG, Store(root), lambda: executor, wanted=wanted, max_trials=most)
+def gather(
+    root: Path,
+    wanted: int,
+    executor: FakeExecutor | None = None,
+    config: EpisodeConfig = CONFIG,
+    **options: Any,
+) -> FakeExecutor:
+    """Collect invented episodes; returns the executor."""
+    executor = executor or fake_executor()
+    options = {"max_trials": 99} | options
+    collect(config, DatasetStore(root), lambda: executor, wanted=wanted, **options)
     return executor
+
+
+def seeds(executor: FakeExecutor) -> list[int]:
+    """Seeds of the trials that were started, in order."""
+    return [key.seed for key in executor.given]

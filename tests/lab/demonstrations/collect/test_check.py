@@ -13,7 +13,7 @@ from common.episodes.episode_file import EpisodeMeta, to_bytes
 from lab.cli.main import main
 from lab.demonstrations.collect.check import check
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from tests.lab.demonstrations.collect.support import CODE, CONFIG, meta, rows
 
 FRAMES = 6
@@ -42,20 +42,20 @@ def whole(seed: int) -> Rows:
 
 
 @pytest.fixture
-def store(tmp_path: Path) -> Store:
+def store(tmp_path: Path) -> DatasetStore:
     """Two episodes and a failure."""
-    made = Store(tmp_path)
+    made = DatasetStore(tmp_path)
     _, jpeg = cv2.imencode(".jpg", np.full((16, 32, 3), 90, dtype=np.uint8))
-    eyes = {eye: [jpeg.tobytes()] * FRAMES for eye in ("left", "right")}
+    pictures = {camera: [jpeg.tobytes()] * FRAMES for camera in ("left", "right")}
     with made.writing(PICTURED, CODE):
         for seed, verdict in ((0, "success"), (1, "failure"), (2, "success")):
             of = about(PICTURED, seed, verdict)
-            content = to_bytes(of, whole(seed), eyes) if verdict == "success" else None
+            content = to_bytes(of, whole(seed), pictures) if verdict == "success" else None
             made.add(of, content)
     return made
 
 
-def test_nothing_is_wrong_with_what_is_whole(store: Store) -> None:
+def test_nothing_is_wrong_with_what_is_whole(store: DatasetStore) -> None:
     assert check(store) == []
     assert main(["collect", "--check", str(store.root)]) == 0
 
@@ -97,7 +97,7 @@ def _gone(file: h5py.File) -> None:
     ],
 )
 def test_damage_is_told_with_file_and_frame(
-    store: Store, change: Callable[[h5py.File], None], words: str
+    store: DatasetStore, change: Callable[[h5py.File], None], words: str
 ) -> None:
     path = store.root / "episodes" / "000002.h5"
     with h5py.File(path, "r+") as file:
@@ -119,7 +119,7 @@ def _no_meta(file: h5py.File) -> None:
 
 @pytest.mark.parametrize("change", [_no_array, _no_meta])
 def test_what_hdf5_stumbles_over_is_damage_like_any_other(
-    store: Store, change: Callable[[h5py.File], None]
+    store: DatasetStore, change: Callable[[h5py.File], None]
 ) -> None:
     with h5py.File(store.root / "episodes" / "000000.h5", "r+") as file:
         change(file)
@@ -128,7 +128,7 @@ def test_what_hdf5_stumbles_over_is_damage_like_any_other(
     assert not any("000002" in text for text in found)
 
 
-def test_an_index_that_is_no_text_is_told(store: Store) -> None:
+def test_an_index_that_is_no_text_is_told(store: DatasetStore) -> None:
     path = store.root / "index.jsonl"
     content = bytearray(path.read_bytes())
     content[40] ^= 0x80
@@ -143,14 +143,14 @@ def test_robot_time_in_steps_that_do_not_fit_is_right(tmp_path: Path) -> None:
         of = about(config, 0, "success", frame_tolerance=tolerance)
         given = whole(0)
         given.rows["time/robot_ns"] = [(50 * (i + 3)) // 3 * 3_000_000 for i in range(FRAMES)]
-        store = Store(tmp_path / f"{steps}")
+        store = DatasetStore(tmp_path / f"{steps}")
         with store.writing(config, CODE):
             store.add(of, to_bytes(of, given, {}))
         assert sum("expected 50" in text for text in check(store)) == unevenness
 
 
 def test_the_index_and_the_files_are_compared(
-    store: Store, capsys: pytest.CaptureFixture[str]
+    store: DatasetStore, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = store.root / "episodes" / "000000.h5"
     with h5py.File(path, "r+") as file:
@@ -166,13 +166,13 @@ def test_the_index_and_the_files_are_compared(
     said = capsys.readouterr().out
     assert "000000.h5: cannot read" in said
     assert "rejected/000001.json: in the index, but not there" in said
-    assert "000007.h5: expected the trial its name says, got seed 2" in said
+    assert "000007.h5: expected the trial of its name, got seed 2" in said
     assert "3 trials read; 4 wrong" in said
     (store.root / "index.jsonl").write_text('{"file": "epis')
     assert any("--reindex" in text for text in check(store))
 
 
-def test_flags_that_contradict(store: Store) -> None:
+def test_flags_that_contradict(store: DatasetStore) -> None:
     of = about(PICTURED, 2, "failure", source="")
     (store.root / "episodes" / "000002.h5").write_bytes(to_bytes(of, whole(2), {}))
     store.write_index(store.scan())
@@ -182,14 +182,14 @@ def test_flags_that_contradict(store: Store) -> None:
 
 
 def test_a_place_where_no_sheet_can_be_is_told(
-    store: Store, capsys: pytest.CaptureFixture[str]
+    store: DatasetStore, capsys: pytest.CaptureFixture[str]
 ) -> None:
     below = store.root / "dataset.json" / "sheet.png"
     assert main(["collect", "--info", str(store.root), "--sheet", str(below)]) == 1
     assert "cannot write" in capsys.readouterr().err
 
 
-def test_wrong_questions(store: Store, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_questions(store: DatasetStore, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["collect", "door/unlock", "--remake", "3"]) == 2
     assert "--check" in capsys.readouterr().err
     assert main(["collect", "--check", str(store.root / "none")]) == 1

@@ -11,10 +11,9 @@ from pathlib import Path
 import pytest
 
 from lab.cli.main import main
-from lab.demonstrations.collect.collect import collect
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.store import Store
-from tests.lab.demonstrations.collect.support import CONFIG, FakeExecutor
+from lab.demonstrations.collect.store import DatasetStore
+from tests.lab.demonstrations.collect.support import CONFIG, fake_executor, gather
 
 ROOT = Path(__file__).resolve().parents[4]
 LONG = 240.0
@@ -64,22 +63,22 @@ def test_ended_killed_and_resumed_it_comes_to_the_same_bytes(tmp_path: Path) -> 
     assert process.wait(LONG) == 130
     said = (tmp_path / "ended.txt").read_text()
     assert "Traceback" not in said
-    assert "the same command goes on" in said
+    assert "the same command continues it" in said
     until("no orphan", lambda: not any(map(alive, workers)))
 
     process = begun(out, tmp_path / "killed.txt")
-    until("a first episode", lambda: process.poll() is not None or Store(out).files())
+    until("a first episode", lambda: process.poll() is not None or DatasetStore(out).files())
     workers = children(process.pid)
     process.kill()
     assert process.wait(LONG) == -signal.SIGKILL
     until("no orphan", lambda: not any(map(alive, workers)))
-    assert 1 <= len(Store(out).files()) <= 2
+    assert 1 <= len(DatasetStore(out).files()) <= 2
 
     resumed = subprocess.run(
         command(out, "--jobs", "2"), cwd=ROOT, capture_output=True, text=True, check=True
     )
     assert "of these from before" in resumed.stderr
-    store = Store(out)
+    store = DatasetStore(out)
     lines = store.scan()
     assert lines == store.index()
     assert len(lines) >= 2
@@ -155,7 +154,7 @@ def test_an_unknown_task_is_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_info_and_reindex(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, {1, 2}), wanted=3)
+    gather(tmp_path, 3, fake_executor(failing={1, 2}))
     (tmp_path / "index.jsonl").unlink()
     assert main(["collect", "--info", str(tmp_path)]) == 1
     assert "--reindex" in capsys.readouterr().err

@@ -8,17 +8,17 @@ from common.episodes.errors import EpisodeError
 from common.errors import ConfigError
 from lab.demonstrations.collect.collect import collect
 from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import LabError
 from lab.trials.provenance import CodeVersion
 from lab.trials.workers import LocalExecutor
 from tests.lab.demonstrations.collect.support import (
     CODE,
     CONFIG,
-    FAILING,
-    FakeExecutor,
     digests,
+    fake_executor,
     gather,
+    seeds,
 )
 
 OTHER = CodeVersion(source="0" * 64, versions=CODE.versions)
@@ -26,16 +26,13 @@ OTHER = CodeVersion(source="0" * 64, versions=CODE.versions)
 
 def test_other_code_is_refused_unless_accepted(tmp_path: Path) -> None:
     gather(tmp_path, 1)
-    (tmp_path / "dataset.json").write_bytes(
-        DatasetFile(config=CONFIG, code=(OTHER,), first_seed=0).content()
-    )
+    begun = DatasetFile(config=CONFIG, code=(OTHER,), first_seed=0)
+    (tmp_path / "dataset.json").write_text(begun.model_dump_json())
     before = digests(tmp_path)
     with pytest.raises(ConfigError, match=r"accept-changes(.|\n)*source: 000000000000 \| "):
         gather(tmp_path, 2)
     assert digests(tmp_path) == before
-    collect(
-        CONFIG, Store(tmp_path), lambda: FakeExecutor(1, FAILING), wanted=2, accept_changes=True
-    )
+    gather(tmp_path, 2, accept_changes=True)
     file = read_dataset(tmp_path)
     assert file is not None
     assert [code.source for code in file.code] == [OTHER.source, CODE.source]
@@ -55,15 +52,15 @@ def test_what_is_wrong_in_the_description_is_named(tmp_path: Path) -> None:
 def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:
     """In a process of its own, as a worker of a cluster may have another version."""
     with pytest.raises(LabError, match=r"runs other code(.|\n)*source: 000000000000"):
-        collect(CONFIG, Store(tmp_path), lambda: LocalExecutor(1), wanted=1, code=OTHER)
-    assert Store(tmp_path).files() == []
+        collect(CONFIG, DatasetStore(tmp_path), lambda: LocalExecutor(1), wanted=1, code=OTHER)
+    assert DatasetStore(tmp_path).files() == []
 
 
 def test_another_revision_of_the_same_source_is_no_change(tmp_path: Path) -> None:
     gather(tmp_path, 1)
     before = (tmp_path / "dataset.json").read_bytes()
     code = CODE.model_copy(update={"revision": "elsewhere"})
-    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, FAILING), wanted=2, code=code)
+    gather(tmp_path, 2, code=code)
     assert (tmp_path / "dataset.json").read_bytes() == before
 
 
@@ -71,25 +68,26 @@ def test_other_settings_is_refused_with_what_differs(tmp_path: Path) -> None:
     gather(tmp_path, 1)
     other = CONFIG.model_copy(update={"raw_hands": True})
     with pytest.raises(ConfigError, match=r"raw_hands: False \| True"):
-        collect(other, Store(tmp_path), lambda: FakeExecutor(1, set()), wanted=2)
+        gather(tmp_path, 2, config=other)
 
 
 def test_another_first_seed_is_refused(tmp_path: Path) -> None:
     gather(tmp_path, 1)
     with pytest.raises(ConfigError, match="begun with --seed 0, not 1"):
-        collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, set()), wanted=2, first_seed=1)
+        gather(tmp_path, 2, first_seed=1)
 
 
 def test_it_goes_on_from_the_seed_it_was_begun_with(tmp_path: Path) -> None:
-    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, set()), wanted=2, first_seed=100)
+    gather(tmp_path, 2, first_seed=100)
     # As after a kill: a later trial had ended, the first had not.
     (tmp_path / "episodes" / "000100.h5").unlink()
-    executor = FakeExecutor(1, {102})
-    collect(CONFIG, Store(tmp_path), lambda: executor, wanted=3)
-    assert executor.given == [100, 102, 103]
+    assert seeds(gather(tmp_path, 3, fake_executor(failing={102}))) == [100, 102, 103]
 
 
 def test_seeds_of_seven_digits_come_after_those_of_six(tmp_path: Path) -> None:
-    store = Store(tmp_path)
-    collect(CONFIG, store, lambda: FakeExecutor(1, set()), wanted=3, first_seed=999_998)
-    assert [int(path.stem) for path in store.files()] == [999_998, 999_999, 1_000_000]
+    gather(tmp_path, 3, first_seed=999_998)
+    assert [int(path.stem) for path in DatasetStore(tmp_path).files()] == [
+        999_998,
+        999_999,
+        1_000_000,
+    ]

@@ -21,7 +21,7 @@ from lab.demonstrations.collect.check import check
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
 from lab.demonstrations.collect.episode import EpisodeResult, make_episode
 from lab.demonstrations.collect.info import sheet
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import StoppedError
 from lab.trials.stack import TaskStack
 from services.sim.errors import RenderingUnavailableError, SimError
@@ -98,7 +98,7 @@ def test_frames_are_those_of_the_trial(tmp_path: Path) -> None:
 def test_a_whole_trial_is_a_success_and_passes_every_check(tmp_path: Path) -> None:
     outcome = of(0)
     assert outcome.meta.success
-    store = Store(tmp_path)
+    store = DatasetStore(tmp_path)
     with store.writing(CONFIG, CODE):
         line = store.add(outcome.meta, outcome.content)
     assert check(store) == []
@@ -157,7 +157,7 @@ def test_what_fails_is_counted_and_not_kept(monkeypatch: pytest.MonkeyPatch) -> 
 def test_a_simulation_that_breaks_off_is_an_error_and_never_kept(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def broken(_stack: TaskStack) -> NoReturn:
+    def broken(_stack: TaskStack, _stop: object) -> NoReturn:
         raise SimError("the numbers ran away")
 
     monkeypatch.setattr(TaskStack, "run", broken)

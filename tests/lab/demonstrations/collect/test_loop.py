@@ -2,33 +2,27 @@
 
 import errno
 import random
-from collections.abc import Callable
-from concurrent.futures import Future
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import NoReturn
 
 import pytest
 
 from common.episodes.errors import EpisodeError
 from common.episodes.folder import INDEX, IndexLine
 from lab.demonstrations.collect.collect import CollectionProgress, collect
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import LabError
 from tests.lab.demonstrations.collect.support import (
     CODE,
     CONFIG,
     FAILING,
-    FakeExecutor,
     digests,
+    fake_executor,
     gather,
     made,
     meta,
+    seeds,
 )
-
-
-def _same(executor: FakeExecutor) -> FakeExecutor:
-    return executor
 
 
 def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
@@ -41,17 +35,16 @@ def test_the_lowest_seeds_that_succeed_are_the_set_for_any_number_of_workers(
     assert rejected == [f"{seed:06d}" for seed in (1, 4, 5, 6)]
     for jobs, haste in ((2, 1), (3, 2), (5, 3), (20, 4)):
         root = tmp_path / f"{jobs}"
-        executor = FakeExecutor(jobs, FAILING, haste, together=min(jobs, 7))
-        collect(CONFIG, Store(root), partial(_same, executor), wanted=7)
-        assert executor.ended
+        executor = fake_executor(jobs, haste=haste, together=min(jobs, 7))
+        assert gather(root, 7, executor).ended
         assert digests(root) == digests(tmp_path / "one")
 
 
 def test_a_set_can_be_enlarged(tmp_path: Path) -> None:
     gather(tmp_path / "whole", 9)
-    gather(tmp_path / "grown", 3, jobs=2)
-    executor = gather(tmp_path / "grown", 9, jobs=2)
-    assert 0 not in executor.given
+    gather(tmp_path / "grown", 3, fake_executor(2))
+    executor = gather(tmp_path / "grown", 9, fake_executor(2))
+    assert 0 not in seeds(executor)
     assert digests(tmp_path / "grown") == digests(tmp_path / "whole")
 
 
@@ -61,7 +54,7 @@ def test_what_a_killed_run_leaves_is_mended(tmp_path: Path) -> None:
     for attempt in range(6):
         root = tmp_path / f"{attempt}"
         gather(root, 7)
-        done = Store(root).files()
+        done = DatasetStore(root).files()
         # Of the trials some are missing, one is half written, the index is cut at any byte.
         for path in choose.sample(done, choose.randint(1, len(done))):
             if choose.random() < 0.3:
@@ -69,7 +62,7 @@ def test_what_a_killed_run_leaves_is_mended(tmp_path: Path) -> None:
             path.unlink()
         index = (root / INDEX).read_bytes()
         (root / INDEX).write_bytes(index[: choose.randint(0, len(index))])
-        gather(root, 7, jobs=3, haste=attempt)
+        gather(root, 7, fake_executor(3, haste=attempt))
         assert digests(root) == digests(tmp_path / "whole")
 
 
@@ -87,18 +80,18 @@ def test_what_others_make_in_the_data_set_is_let_be(tmp_path: Path) -> None:
 def test_nothing_to_do_needs_no_worker(tmp_path: Path) -> None:
     gather(tmp_path, 3)
 
-    def none() -> FakeExecutor:
+    def none() -> NoReturn:
         raise AssertionError
 
-    progress = collect(CONFIG, Store(tmp_path), none, wanted=3)
+    progress = collect(CONFIG, DatasetStore(tmp_path), none, wanted=3)
     assert (progress.successes, progress.resumed) == (3, 4)
 
 
 def test_it_gives_up_after_so_many_trials(tmp_path: Path) -> None:
-    executor = FakeExecutor(2, set(range(100)))
-    progress = collect(CONFIG, Store(tmp_path), lambda: executor, wanted=2, max_trials=5)
+    executor = fake_executor(2, range(100))
+    progress = collect(CONFIG, DatasetStore(tmp_path), lambda: executor, wanted=2, max_trials=5)
     assert not progress.complete
-    assert executor.given == [0, 1, 2, 3, 4]
+    assert seeds(executor) == [0, 1, 2, 3, 4]
 
 
 def test_the_listener_hears_of_each_trial(tmp_path: Path) -> None:
@@ -109,57 +102,38 @@ def test_the_listener_hears_of_each_trial(tmp_path: Path) -> None:
             assert line.meta.seed in progress.lines
             heard.append(line.meta.seed)
 
-    collect(CONFIG, Store(tmp_path), lambda: FakeExecutor(1, FAILING), wanted=3, on_progress=tell)
+    gather(tmp_path, 3, on_progress=tell)
     assert heard == [0, 1, 2, 3]
 
 
-class LosingExecutor(FakeExecutor):
-    """Loses its worker at the given seeds, so many times each."""
-
-    lost: tuple[type[Exception], ...] = (BrokenPipeError,)
-
-    def __init__(self, losses: dict[int, int], jobs: int = 2) -> None:
-        super().__init__(jobs, set())
-        self._losses = losses
-
-    def submit(self, work: Callable[..., Any], /, *arguments: Any) -> "Future[Any]":
-        seed = arguments[0].seed
-        if not self._losses.get(seed):
-            return super().submit(work, *arguments)
-        self._losses[seed] -= 1
-        future: Future[Any] = Future()
-        future.set_exception(BrokenPipeError("gone"))
-        return future
-
-
 def test_a_lost_worker_costs_nothing_but_time(tmp_path: Path) -> None:
-    said: list[str] = []
-    executor = LosingExecutor({1: 2, 3: 1})
-    collect(CONFIG, Store(tmp_path / "lost"), lambda: executor, wanted=5, on_message=said.append)
-    assert sum("runs the trial again" in text for text in said) == 3
-    collect(CONFIG, Store(tmp_path / "whole"), lambda: FakeExecutor(1, set()), wanted=5)
+    messages: list[str] = []
+    executor = fake_executor(2, failing=(), losses={1: 2, 3: 1})
+    gather(tmp_path / "lost", 5, executor, on_message=messages.append)
+    assert sum("runs the trial again" in text for text in messages) == 3
+    gather(tmp_path / "whole", 5, fake_executor(failing=()))
     assert digests(tmp_path / "lost") == digests(tmp_path / "whole")
 
 
 def test_a_trial_that_costs_every_worker_ends_it_and_what_is_done_is_kept(tmp_path: Path) -> None:
-    executor = LosingExecutor({2: 99}, jobs=1)
+    executor = fake_executor(failing=(), losses={2: 99})
     with pytest.raises(LabError, match="seed 2 has cost 3 workers"):
-        collect(CONFIG, Store(tmp_path), lambda: executor, wanted=5)
+        gather(tmp_path, 5, executor)
     assert executor.ended
-    assert 1 in [line.meta.seed for line in Store(tmp_path).scan()]
+    assert 1 in [line.meta.seed for line in DatasetStore(tmp_path).scan()]
 
 
 def test_two_writers_are_refused(tmp_path: Path) -> None:
     with (
-        Store(tmp_path).writing(CONFIG, CODE),
+        DatasetStore(tmp_path).writing(CONFIG, CODE),
         pytest.raises(EpisodeError, match="another process"),
     ):
         gather(tmp_path, 1)
 
 
 def test_the_index_is_rebuilt_from_the_files(tmp_path: Path) -> None:
-    gather(tmp_path, 4, jobs=3)
-    store = Store(tmp_path)
+    gather(tmp_path, 4, fake_executor(3))
+    store = DatasetStore(tmp_path)
     before = (tmp_path / INDEX).read_bytes()
     (tmp_path / INDEX).unlink()
     with pytest.raises(EpisodeError, match="--reindex"):

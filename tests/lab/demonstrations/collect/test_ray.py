@@ -9,7 +9,7 @@ import pytest
 from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.collect import CollectionProgress, collect
 from lab.demonstrations.collect.episode import make_episode
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import LabError
 from lab.trials.executors import RayExecutor
 from tests.lab.demonstrations.collect.support import CONFIG
@@ -48,7 +48,7 @@ def test_the_same_bytes_from_a_cluster_that_loses_a_node(cluster: Any, tmp_path:
 
     progress = collect(
         CONFIG,
-        Store(tmp_path),
+        DatasetStore(tmp_path),
         open_executor,
         wanted=3,
         max_trials=8,

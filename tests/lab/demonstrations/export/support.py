@@ -9,7 +9,7 @@ import numpy as np
 from common.episodes.columns import CAMERAS, COLUMNS, Rows
 from common.episodes.episode_file import EpisodeMeta, Image, to_bytes
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
-from lab.demonstrations.collect.store import Store
+from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.provenance import CodeVersion
 from services.sim.tasks import find_task
 
@@ -55,7 +55,7 @@ def make(
     config = EpisodeConfig(
         task=task, pictures=pictures_config, keep_failures=True, physics_steps=physics_steps
     )
-    store = Store(root)
+    store = DatasetStore(root)
     with store.writing(config, CODE):
         for seed, verdict in enumerate(verdicts):
             given = (rows_of or {}).get(seed) or rows(seed)

@@ -39,7 +39,7 @@ def test_both_formats_beside_the_data_set(
     assert export(root, "--format", "robomimic", "--force", "--pictures", "none") == 0
     with h5py.File(out) as file:
         assert len(file["data"]) == 3
-        assert "robot0_left_eye_image" not in file["data/demo_0/obs"]
+        assert "robot0_left_camera_image" not in file["data/demo_0/obs"]
 
 
 def test_force_replaces_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

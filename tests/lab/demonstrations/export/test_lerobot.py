@@ -11,12 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from lab.demonstrations.export import lerobot, lerobot_layout
-from lab.demonstrations.export.source import EpisodeSelection, choose
+from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
 from lab.errors import DatasetError
 from services.sim.tasks import find_task
 from tests.lab.demonstrations.export.support import FRAMES, SIZE, VERDICT, make
-from verification.loaders.lerobot_check import middle
-from verification.loaders.original import Original, originals, psnr
+from verification.loaders.collected import CollectedEpisode, collected_episodes, psnr
+from verification.loaders.lerobot_check import middle_frame
 
 STATE = ("poses", "gripper_closure", "joint_sin_cos", "joint_velocity", "control_state")
 ACTION = ("hands", "grasp", "locomotion", "neck")
@@ -36,18 +36,20 @@ def episodes(out: Path) -> Any:
     return pq.read_table(out / "meta/episodes/chunk-000/file-000.parquet").to_pylist()
 
 
-def joined(original: Original, group: str, names: tuple[str, ...]) -> Any:
+def joined(original: CollectedEpisode, group: str, names: tuple[str, ...]) -> Any:
     return np.concatenate([original.array(f"{group}/{name}") for name in names], axis=1)
 
 
 def test_every_number_is_there(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out"
-    done: list[int] = []
-    lerobot.write(choose(EpisodeSelection((root,))), out, tick=done.append)
-    assert sum(done) == 3 * VERDICT
+    done: list[None] = []
+    lerobot.write(
+        select_episodes(EpisodeSelection((root,))), out, on_episode=lambda: done.append(None)
+    )
+    assert len(done) == 3
     rows = table(out)
     assert [row["index"] for row in rows] == list(range(3 * VERDICT))
-    for index, original in enumerate(originals([root])):
+    for index, original in enumerate(collected_episodes([root])):
         state = joined(original, "observation", STATE)
         action = joined(original, "action", ACTION)
         assert (state.shape[1], action.shape[1]) == (112, 18)
@@ -64,7 +66,7 @@ def test_every_number_is_there(tmp_path: Path) -> None:
 
 def test_the_description_fits_the_tables(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection((make(tmp_path / "d"),))), out)
+    lerobot.write(select_episodes(EpisodeSelection((make(tmp_path / "d"),))), out)
     info = load(out / "meta/info.json")
     assert info["codebase_version"] == "v3.0"
     assert (info["fps"], info["robot_type"]) == (20, "draco3")
@@ -109,30 +111,30 @@ def test_videos_show_what_was_seen(
     monkeypatch.setattr(lerobot_layout, "VIDEO_MB", limit >> 20)
     monkeypatch.setattr(lerobot_layout, "DATA_MB", limit >> 20)
     root, out = make(tmp_path / "d"), tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection((root,))), out)
+    lerobot.write(select_episodes(EpisodeSelection((root,))), out)
     rows = episodes(out)
     # A file that is large enough gets no further episode.
     assert [row["data/file_index"] for row in rows] == ([0, 0, 0] if limit else [0, 1, 2])
     assert len(table(out)) == 3 * VERDICT
-    for original, row in zip(originals([root]), rows, strict=True):
-        for eye in ("left", "right"):
-            key = f"videos/observation.images.{eye}"
+    for original, row in zip(collected_episodes([root]), rows, strict=True):
+        for camera in ("left", "right"):
+            key = f"videos/observation.images.{camera}"
             file = row[f"{key}/file_index"]
             frames = decoded(out / key / f"chunk-000/file-{file:03d}.mp4")
             begin = row[f"{key}/from_timestamp"]
             assert row[f"{key}/to_timestamp"] == pytest.approx(begin + VERDICT / 20)
             found = {round((time - begin) * 20, 6): shown for time, shown in frames}
             for frame in range(VERDICT):
-                assert psnr(found[frame], original.picture(eye, frame)) > 30.0
+                assert psnr(found[frame], original.picture(camera, frame)) > 30.0
 
 
 def test_embedded_pictures_are_the_collected_files(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection((root,))), out, video=False)
+    lerobot.write(select_episodes(EpisodeSelection((root,))), out, video=False)
     assert load(out / "meta/info.json")["features"]["observation.images.right"]["dtype"] == "image"
     assert not (out / "videos").exists()
     rows = table(out)
-    for index, original in enumerate(originals([root])):
+    for index, original in enumerate(collected_episodes([root])):
         group = original.file["images/right"]
         for frame in range(VERDICT):
             begin, end = group["offset"][frame : frame + 2]
@@ -142,8 +144,8 @@ def test_embedded_pictures_are_the_collected_files(tmp_path: Path) -> None:
 
 def test_embedded_pictures_of_another_size_lose_nothing_more(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d", ("success",)), tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection((root,), width=25, height=17)), out, video=False)
-    (expected,) = (original.picture("left", 3, (25, 17)) for original in originals([root]))
+    lerobot.write(select_episodes(EpisodeSelection((root,), width=25, height=17)), out, video=False)
+    (expected,) = (original.picture("left", 3, (25, 17)) for original in collected_episodes([root]))
     file = table(out)[3]["observation.images.left"]["bytes"]
     assert file.startswith(b"\x89PNG")
     shown = cv2.imdecode(np.frombuffer(file, np.uint8), cv2.IMREAD_COLOR)
@@ -152,7 +154,7 @@ def test_embedded_pictures_of_another_size_lose_nothing_more(tmp_path: Path) -> 
 
 def test_the_figures_are_those_of_the_numbers(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection((root,))), out, video=False)
+    lerobot.write(select_episodes(EpisodeSelection((root,))), out, video=False)
     whole, per_episode, rows = load(out / "meta/stats.json"), episodes(out), table(out)
     assert set(whole) == set(load(out / "meta/info.json")["features"])
     for key in ("observation.state", "action", "age.state", "timestamp", "next.done"):
@@ -172,9 +174,9 @@ def test_the_figures_are_those_of_the_numbers(tmp_path: Path) -> None:
 
 def test_the_figures_of_pictures_are_those_of_every_fourth(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection((root,))), out, video=False)
+    lerobot.write(select_episodes(EpisodeSelection((root,))), out, video=False)
     stats = load(out / "meta/stats.json")["observation.images.left"]
-    seen = [e.picture("left", f) for e in originals([root]) for f in range(0, VERDICT, 4)]
+    seen = [e.picture("left", f) for e in collected_episodes([root]) for f in range(0, VERDICT, 4)]
     pixels = np.concatenate([picture.reshape(-1, 3) for picture in seen]) / 255
     assert stats["count"] == [len(seen)]
     for name, expected in (
@@ -192,7 +194,7 @@ def test_the_figures_of_pictures_are_those_of_every_fourth(tmp_path: Path) -> No
 def test_several_tasks_and_the_tail(tmp_path: Path) -> None:
     roots = (make(tmp_path / "a", ("success",)), make(tmp_path / "b", task="hardware/tool"))
     out = tmp_path / "out"
-    lerobot.write(choose(EpisodeSelection(roots, tail=True)), out)
+    lerobot.write(select_episodes(EpisodeSelection(roots, tail=True)), out)
     rows = table(out)
     assert len(rows) == 4 * FRAMES
     assert [row["task_index"] for row in rows[::FRAMES]] == [0, 1, 1, 1]
@@ -206,7 +208,7 @@ def test_several_tasks_and_the_tail(tmp_path: Path) -> None:
 
 
 def test_odd_sizes_make_no_video(tmp_path: Path) -> None:
-    source = choose(EpisodeSelection((make(tmp_path / "d"),), width=25, height=SIZE[1]))
+    source = select_episodes(EpisodeSelection((make(tmp_path / "d"),), width=25, height=SIZE[1]))
     with pytest.raises(DatasetError, match="25x32"):
         lerobot.write(source, tmp_path / "out")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["d"]
@@ -215,4 +217,4 @@ def test_odd_sizes_make_no_video(tmp_path: Path) -> None:
 def test_the_frame_whose_neighbours_are_compared_has_one_before_it() -> None:
     for lengths in ((5, 5), (4, 6), (3, 3, 3), (2, 1, 4)):
         data = [{"frame_index": frame} for length in lengths for frame in range(length)]
-        assert data[middle(data)]["frame_index"] > 0
+        assert data[middle_frame(data)]["frame_index"] > 0

@@ -9,10 +9,10 @@ import pytest
 
 from common.episodes.episode_file import open_episode
 from lab.demonstrations.export import robomimic
-from lab.demonstrations.export.source import EpisodeSelection, choose
+from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
 from lab.errors import DatasetError
 from tests.lab.demonstrations.export.support import SIZE, VERDICT, make
-from verification.loaders.original import originals
+from verification.loaders.collected import collected_episodes
 from verification.loaders.robomimic_check import expected_actions, expected_observations
 
 WIDTHS = {
@@ -25,28 +25,30 @@ WIDTHS = {
 
 def test_every_number_and_pixel_is_there(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out.hdf5"
-    done: list[int] = []
-    robomimic.write(choose(EpisodeSelection((root,))), out, tick=done.append)
-    assert sum(done) == 3 * VERDICT
+    done: list[None] = []
+    robomimic.write(
+        select_episodes(EpisodeSelection((root,))), out, on_episode=lambda: done.append(None)
+    )
+    assert len(done) == 3
     with h5py.File(out) as file:
         assert file["data"].attrs["total"] == 3 * VERDICT
-        for index, original in enumerate(originals([root])):
+        for index, original in enumerate(collected_episodes([root])):
             demo = file[f"data/demo_{index}"]
             assert demo.attrs["num_samples"] == VERDICT
             assert demo.attrs["seed"] == index
             assert demo.attrs["operator"] == "synthetic"
             expected = expected_observations(original)
-            images = {"robot0_left_eye_image", "robot0_right_eye_image"}
+            images = {"robot0_left_camera_image", "robot0_right_camera_image"}
             assert set(demo["obs"]) == set(expected) | images
             for key, values in expected.items():
                 assert demo["obs"][key].dtype == np.float32
                 np.testing.assert_array_equal(demo["obs"][key][:], values)
                 assert len(demo["obs"][key].attrs["names"]) == values.shape[1]
-            for eye in ("left", "right"):
-                array = demo[f"obs/robot0_{eye}_eye_image"]
+            for camera in ("left", "right"):
+                array = demo[f"obs/robot0_{camera}_camera_image"]
                 assert (array.dtype, array.shape) == (np.uint8, (VERDICT, SIZE[1], SIZE[0], 3))
                 for frame in range(VERDICT):
-                    np.testing.assert_array_equal(array[frame], original.picture(eye, frame))
+                    np.testing.assert_array_equal(array[frame], original.picture(camera, frame))
             np.testing.assert_array_equal(demo["actions"][:], expected_actions(original))
             for key in ("rewards", "dones"):
                 assert demo[key][:].tolist() == [0.0] * (VERDICT - 1) + [1.0]
@@ -54,7 +56,7 @@ def test_every_number_and_pixel_is_there(tmp_path: Path) -> None:
 
 def test_keys_have_the_widths_that_their_names_say(tmp_path: Path) -> None:
     out = tmp_path / "out.hdf5"
-    robomimic.write(choose(EpisodeSelection((make(tmp_path / "d", ("success",)),))), out)
+    robomimic.write(select_episodes(EpisodeSelection((make(tmp_path / "d", ("success",)),))), out)
     with h5py.File(out) as file:
         for key, width in WIDTHS.items():
             assert file[f"data/demo_0/obs/{key}"].shape == (VERDICT, width), key
@@ -71,14 +73,16 @@ def test_keys_have_the_widths_that_their_names_say(tmp_path: Path) -> None:
 
 def test_scaled_actions_can_be_scaled_back(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out.hdf5"
-    robomimic.write(choose(EpisodeSelection((root,))), out, scale_actions=True, compress=True)
+    robomimic.write(
+        select_episodes(EpisodeSelection((root,))), out, scale_actions=True, compress=True
+    )
     with h5py.File(out) as file:
         about = file["data"].attrs
         every = np.concatenate([file[f"data/{name}/actions"][:] for name in file["data"]])
         np.testing.assert_allclose(every.min(axis=0), -1.0, atol=1e-6)
         np.testing.assert_allclose(every.max(axis=0), 1.0, atol=1e-6)
         assert np.abs(every).max() <= 1.0
-        for index, original in enumerate(originals([root])):
+        for index, original in enumerate(collected_episodes([root])):
             back = file[f"data/demo_{index}/actions"][:] * about["action_scale"]
             back += about["action_offset"]
             np.testing.assert_allclose(back, expected_actions(original), atol=1e-5)
@@ -90,7 +94,7 @@ def test_a_constant_action_is_scaled_to_zero(tmp_path: Path) -> None:
     still = rows(0)
     still.rows["action/neck"] = [0.25] * len(still)
     root, out = make(tmp_path / "d", ("success",), rows_of={0: still}), tmp_path / "out.hdf5"
-    robomimic.write(choose(EpisodeSelection((root,))), out, scale_actions=True)
+    robomimic.write(select_episodes(EpisodeSelection((root,))), out, scale_actions=True)
     with h5py.File(out) as file:
         assert not file["data/demo_0/actions"][:, -1].any()
         assert file["data"].attrs["action_offset"][-1] == 0.25
@@ -100,7 +104,7 @@ def test_a_constant_action_is_scaled_to_zero(tmp_path: Path) -> None:
 def test_a_tenth_is_held_back(demos: int, held: int, tmp_path: Path) -> None:
     root = make(tmp_path / "d", ("success",) * demos, size=None)
     for out in (tmp_path / "a.hdf5", tmp_path / "b.hdf5"):
-        robomimic.write(choose(EpisodeSelection((root,))), out)
+        robomimic.write(select_episodes(EpisodeSelection((root,))), out)
     with h5py.File(tmp_path / "a.hdf5") as file, h5py.File(tmp_path / "b.hdf5") as again:
         train, valid = (set(file[f"mask/{name}"][:]) for name in ("train", "valid"))
         assert len(valid) == held
@@ -112,7 +116,7 @@ def test_a_tenth_is_held_back(demos: int, held: int, tmp_path: Path) -> None:
 def test_no_room_is_told_before_anything_is_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = choose(EpisodeSelection((make(tmp_path / "d"),)))
+    source = select_episodes(EpisodeSelection((make(tmp_path / "d"),)))
     needed = 3 * VERDICT * 2 * SIZE[0] * SIZE[1] * 3
     usage = type("Usage", (), {"free": needed - 1})()
     monkeypatch.setattr("shutil.disk_usage", lambda _path: usage)
@@ -125,10 +129,10 @@ def test_no_room_is_told_before_anything_is_written(
 
 def test_smaller_pictures(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d", ("success",)), tmp_path / "out.hdf5"
-    source = choose(EpisodeSelection((root,), width=24))
+    source = select_episodes(EpisodeSelection((root,), width=24))
     robomimic.write(source, out)
     with h5py.File(out) as file, open_episode(root / "episodes/000000.h5") as episode:
-        array = file["data/demo_0/obs/robot0_right_eye_image"]
+        array = file["data/demo_0/obs/robot0_right_camera_image"]
         assert array.shape == (VERDICT, 16, 24, 3)
         whole = episode.picture("right", 4).astype(float)
         means = whole.reshape(16, 2, 24, 2, 3).mean(axis=(1, 3))
@@ -137,7 +141,7 @@ def test_smaller_pictures(tmp_path: Path) -> None:
 
 def test_a_file_cut_short_is_not_taken_for_ours(tmp_path: Path) -> None:
     out = tmp_path / "d.hdf5"
-    robomimic.write(choose(EpisodeSelection((make(tmp_path / "d"),))), out)
+    robomimic.write(select_episodes(EpisodeSelection((make(tmp_path / "d"),))), out)
     assert robomimic.is_robomimic(out)
     out.write_bytes(out.read_bytes()[:-2000])
     assert not robomimic.is_robomimic(out)

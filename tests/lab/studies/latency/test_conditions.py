@@ -5,7 +5,7 @@ from lab.studies.latency.conditions import (
     COMMAND_INPUT,
     FEEDBACK_INPUT,
     Condition,
-    chosen,
+    chosen_conditions,
     standard,
 )
 from tests.lab.studies.latency.support import plan_of
@@ -51,13 +51,13 @@ def test_ones_own_condition() -> None:
 )
 def test_a_wrong_condition_is_explained(text: str, says: str) -> None:
     with pytest.raises(ConfigError, match=says):
-        chosen([text], "command")
+        chosen_conditions([text], "command")
 
 
 def test_a_name_stands_for_one_condition() -> None:
-    assert [c.name for c in chosen(["raw", "far=both=1s"], "command")] == ["raw", "far"]
+    assert [c.name for c in chosen_conditions(["raw", "far=both=1s"], "command")] == ["raw", "far"]
     with pytest.raises(ConfigError, match="different names"):
-        chosen(["raw", "raw=none"], "command")
+        chosen_conditions(["raw", "raw=none"], "command")
 
 
 def test_what_others_are_compared_with() -> None:
@@ -70,10 +70,10 @@ def test_what_others_are_compared_with() -> None:
 
 def test_a_plan_has_the_same_seeds_in_each_condition() -> None:
     plan = plan_of(*standard("command")[:2], tasks=("door/unlock",), first_seed=4)
-    assert [(c.seed, c.condition) for c in plan.trials(2)] == [
+    assert [(c.seed, c.condition) for c in plan.keys(2)] == [
         (4, "raw"), (4, "interpolation"), (5, "raw"), (5, "interpolation"),
     ]  # fmt: skip
-    specs = [plan.spec(key) for key in plan.trials(1)]
+    specs = [plan.spec(key) for key in plan.keys(1)]
     assert [(spec.seed, spec.raw_hands, spec.links) for spec in specs] == [
         (4, True, {}),
         (4, False, {}),

@@ -4,7 +4,7 @@ from common.journal.journal import Journal
 from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.schemas import Header
 from lab.studies.latency.latencies import Latencies, mean_p99
-from lab.studies.latency.row import link_take
+from lab.studies.latency.meter import link_latency
 from tests.lab.studies.latency.support import CONDITIONS
 
 MS = 1_000_000
@@ -56,8 +56,8 @@ def test_what_was_lost_or_overtaken_has_no_latency() -> None:
     latencies = heard(journal)
     assert latencies.of(*AT) == []
     assert latencies.lost(*AT) == 1
-    take = link_take(latencies, CONDITIONS[2], AT)
-    assert (take.asked_mean, take.mean, take.used, take.lost) == (0.25, None, 0, 1)
+    link = link_latency(latencies, CONDITIONS[2], AT)
+    assert (link.asked_mean, link.mean, link.used, link.lost) == (0.25, None, 0, 1)
 
 
 def test_clocks_of_other_hosts() -> None:

@@ -14,10 +14,10 @@ from common.errors import ConfigError
 from lab.cli.main import main
 from lab.errors import LatencyStudyError
 from lab.studies.latency.plan import Plan
+from lab.studies.latency.record import StudyTrial
 from lab.studies.latency.report import write_report
-from lab.studies.latency.row import TrialRow
 from lab.studies.latency.stats import summarise
-from lab.studies.latency.store import SHEETS, Store
+from lab.studies.latency.store import SHEETS, StudyStore
 from lab.studies.latency.tables import summary_table
 from lab.studies.latency.tlx import write_sheet
 from tests.disk import fill
@@ -26,11 +26,11 @@ from tests.lab.studies.latency.support import (
     HAMMER,
     PLAN,
     UNLOCK,
-    choices,
+    WEIGHTS,
     plan_of,
-    row,
-    rows,
     sheet,
+    trial,
+    trials,
 )
 
 TIMES = {"raw": 8.0, "interpolation": 8.2, "latency-250": 9.0, "latency-500": 10.0}
@@ -38,15 +38,15 @@ RED = (181, 71, 59)
 """Of trials that were no success, as RGB."""
 
 
-def study(root: Path, trials: Sequence[TrialRow], plan: Plan = PLAN) -> Store:
-    store = Store(root)
+def study(root: Path, done: Sequence[StudyTrial], plan: Plan = PLAN) -> StudyStore:
+    store = StudyStore(root)
     with store.writing(plan):
-        for trial in trials:
-            store.add(trial)
+        for one in done:
+            store.add(one)
     return store
 
 
-def picture(store: Store) -> np.ndarray:
+def picture(store: StudyStore) -> np.ndarray:
     """(h, w, 3) RGB."""
     image = cv2.imread(str(store.root / "latency.png"))
     assert image is not None
@@ -58,13 +58,13 @@ def share(image: np.ndarray, colour: tuple[int, int, int]) -> float:
 
 
 def test_the_files_of_a_study(tmp_path: Path) -> None:
-    store = study(tmp_path, [*rows(TIMES), *rows(TIMES, task=HAMMER)])
+    store = study(tmp_path, [*trials(TIMES), *trials(TIMES, task=HAMMER)])
     report = write_report(store)
     assert report is not None
     with (tmp_path / "trials.csv").open() as file:
-        trials = list(csv.DictReader(file))
-    assert len(trials) == 2 * 4 * 6
-    first = trials[0]
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * 4 * 6
+    first = rows[0]
     assert (first["operator"], first["task"], first["condition"]) == ("synthetic", UNLOCK, "raw")
     assert (first["time_s"], first["verdict"], first["reached"]) == ("8.0", "success", "1")
     assert (first["command_asked_mean_ms"], first["command_mean_ms"]) == ("250.0", "255.0")
@@ -72,18 +72,19 @@ def test_the_files_of_a_study(tmp_path: Path) -> None:
         cells = list(csv.DictReader(file))
     late = next(c for c in cells if (c["task"], c["condition"]) == (UNLOCK, "latency-500"))
     assert float(late["difference_mean"]) == pytest.approx(1.8)
-    assert (late["trials"], late["difference_pairs"]) == ("6", "6")
+    assert (late["trials"], late["difference_count"]) == ("6", "6")
     summary = json.loads((tmp_path / "summary.json").read_text())
-    assert summary["finding"]["reproduced"] is True
+    assert summary["reproduced"] is True
+    assert [c["met"] for c in summary["comparisons"]] == [True] * 6
     assert summary["baseline"] == "interpolation"
     assert len(summary["cells"]) == 8
 
 
 def test_the_figure_shows_what_there_is(tmp_path: Path) -> None:
     plan = plan_of(*CONDITIONS, tasks=(UNLOCK,))
-    good = study(tmp_path / "good", rows(TIMES), plan)
-    failed = [row("latency-500", seed, 20.0, "failure") for seed in range(6)]
-    kept = [r for r in rows(TIMES) if r.condition != "latency-500"]
+    good = study(tmp_path / "good", trials(TIMES), plan)
+    failed = [trial("latency-500", seed, 20.0, "failure") for seed in range(6)]
+    kept = [t for t in trials(TIMES) if t.condition != "latency-500"]
     bad = study(tmp_path / "bad", [*kept, *failed], plan)
     for store in (good, bad):
         write_report(store)
@@ -93,12 +94,12 @@ def test_the_figure_shows_what_there_is(tmp_path: Path) -> None:
 
 
 def test_sheets_and_persons_stand_beside_the_synthetic_operator(tmp_path: Path) -> None:
-    store = study(tmp_path, rows(TIMES))
+    store = study(tmp_path, trials(TIMES))
     write_report(store)
     before = picture(store).shape
-    store.add(row("raw", 0, 12.0, operator="human", participant="P01"))
+    store.add(trial("raw", 0, 12.0, operator="human", participant="P01"))
     for condition in ("raw", "latency-500"):
-        write_sheet(tmp_path / SHEETS, sheet(condition, choices=choices()))
+        write_sheet(tmp_path / SHEETS, sheet(condition, weights=WEIGHTS))
     report = write_report(store)
     assert report is not None
     assert [(c.operator, c.trials) for c in report.cells] == [("synthetic", 6)] * 4 + [("human", 1)]
@@ -119,11 +120,11 @@ def test_only_sheets_make_a_report(tmp_path: Path) -> None:
     write_sheet(tmp_path / SHEETS, sheet())
     report = write_report(store)
     assert report is not None
-    assert report.finding.reproduced is None
+    assert {comparison.met for comparison in report.comparisons} == {None}
 
 
 def test_what_is_not_in_the_plan_is_told(tmp_path: Path) -> None:
-    store = study(tmp_path, [row("latency-1000")])
+    store = study(tmp_path, [trial("latency-1000")])
     with pytest.raises(LatencyStudyError, match="latency-1000"):
         write_report(store)
 
@@ -132,28 +133,27 @@ def test_without_matplotlib_it_says_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(ConfigError, match=r"pip install 'trill\[study\]'"):
-        write_report(study(tmp_path, rows(TIMES)))
+    with pytest.raises(ConfigError, match="matplotlib"):
+        write_report(study(tmp_path, trials(TIMES)))
     assert main(["study", "latency", "--episodes", "1", "--out", str(tmp_path)]) == 2
 
 
 def test_reporting_anew_prints_the_table_and_the_conclusion(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    study(tmp_path, [*rows(TIMES), *rows(TIMES | {"latency-500": 8.5}, task=HAMMER)])
+    study(tmp_path, [*trials(TIMES), *trials(TIMES | {"latency-500": 8.5}, task=HAMMER)])
     assert main(["study", "latency", "--report", str(tmp_path)]) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "synthetic" in said
     assert "NOT reproduced" in said
-    assert f"NO {HAMMER}: +500 ms against +250 ms: -0.50 s [-0.50, -0.50]" in said
+    assert f"{HAMMER} │ +500 ms against +250 ms │ 6 │ -0.50 [-0.50, -0.50] │ > 0.00 │ NO" in said
     assert "250: 255/260" in said
 
 
 @pytest.mark.parametrize("width", [60, 190])
 def test_no_figure_is_cut_off(width: int) -> None:
-    trials = rows(TIMES)
     console = Console(width=width, file=io.StringIO(), record=True)
-    console.print(summary_table(PLAN, summarise(trials, list(TIMES), "interpolation")))
+    console.print(summary_table(PLAN, summarise(trials(TIMES), list(TIMES), "interpolation")))
     said = console.export_text()
     assert "…" not in said
     if width == 190:
@@ -207,12 +207,12 @@ def test_wrong_values_are_refused(
 
 
 def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    store = study(tmp_path / "study", rows(TIMES))
+    store = study(tmp_path / "study", trials(TIMES))
     fill(monkeypatch)
     with pytest.raises(LatencyStudyError, match=r"No space.*--report"):
         write_report(store)
     with (
-        pytest.raises(LatencyStudyError, match=r"cannot write in .*No space"),
-        Store(tmp_path / "new").writing(PLAN),
+        pytest.raises(LatencyStudyError, match=r"cannot write .*No space"),
+        StudyStore(tmp_path / "new").writing(PLAN),
     ):
         pass

@@ -19,12 +19,12 @@ from common.schemas import (
 from common.topics import PLANT_REQUEST, TASK_STATUS, Topic
 from common.wire.header import wire_header
 from lab.cli.main import main
-from lab.errors import LatencyStudyError
+from lab.errors import LabError, LatencyStudyError
 from lab.studies.latency.conditions import standard
-from lab.studies.latency.fromlog import trials_of
+from lab.studies.latency.human_trials import read_trials
 from lab.studies.latency.plan import TrialKey
-from lab.studies.latency.row import OWN_COMMAND, LinkTake, TrialRow
-from lab.studies.latency.store import Store
+from lab.studies.latency.record import OWN_LATENCY, LinkLatency, StudyTrial
+from lab.studies.latency.store import StudyStore
 from lab.studies.latency.trial import run_study_trial
 from lab.trials.stack import TaskStack
 from services.logger.errors import LoggerError
@@ -39,21 +39,21 @@ CONDITIONS = ["--condition", "interpolation", "--condition", "latency-250"]
 
 
 @pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Store:
+def done(tmp_path_factory: pytest.TempPathFactory) -> StudyStore:
     """Two conditions, one seed, run once."""
     root = tmp_path_factory.mktemp("study")
     words = ["study", "latency", "--episodes", "1", "--jobs", "2", "--out", str(root)]
     assert main([*words, *SETTINGS, *CONDITIONS]) == 0
-    return Store(root)
+    return StudyStore(root)
 
 
 @pytest.fixture(scope="module")
-def late(done: Store) -> TrialRow:
-    return next(row for row in done.rows() if row.condition == "latency-250")
+def late(done: StudyStore) -> StudyTrial:
+    return next(trial for trial in done.trials() if trial.condition == "latency-250")
 
 
-def test_latency_is_measured_where_it_was_used(done: Store, late: TrialRow) -> None:
-    prompt = next(row for row in done.rows() if row.condition == "interpolation")
+def test_latency_is_measured_where_it_was_used(done: StudyStore, late: StudyTrial) -> None:
+    prompt = next(trial for trial in done.trials() if trial.condition == "interpolation")
     assert late.verdict == prompt.verdict == "success"
     assert late.time > prompt.time
     assert (prompt.command.asked_mean, late.command.asked_mean) == (0.0, 0.25)
@@ -72,14 +72,14 @@ def test_latency_is_measured_where_it_was_used(done: Store, late: TrialRow) -> N
     assert late.arm_acceleration > 0.0
 
 
-def test_it_leaves_tables_and_figure(done: Store) -> None:
+def test_it_leaves_tables_and_figure(done: StudyStore) -> None:
     assert {"trials.csv", "summary.csv", "summary.json", "latency.png", "study.json"} <= {
         path.name for path in done.root.iterdir()
     }
 
 
 def test_the_same_command_finds_nothing_to_do(
-    done: Store, capsys: pytest.CaptureFixture[str]
+    done: StudyStore, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = (done.root / "trials.jsonl").read_bytes()
     words = ["study", "latency", "--episodes", "1", "--out", str(done.root)]
@@ -104,16 +104,16 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_log_gives_the_same_trial(log: Path, late: TrialRow) -> None:
-    (row,) = trials_of(LogReader(log / "log.mcap"), "P01", standard("command")[2])
-    assert (row.operator, row.participant, row.condition) == ("human", "P01", "latency-250")
-    assert (row.task, row.seed, row.limit) == (late.task, late.seed, late.limit)
-    assert (row.verdict, row.time, row.reason) == (late.verdict, late.time, late.reason)
-    assert (row.stages, row.undesired, row.reached) == (late.stages, late.undesired, True)
-    assert row.command.mean == pytest.approx(late.command.mean, abs=0.001)
+def test_a_log_gives_the_same_trial(log: Path, late: StudyTrial) -> None:
+    (trial,) = read_trials(LogReader(log / "log.mcap"), "P01", standard("command")[2])
+    assert (trial.operator, trial.participant, trial.condition) == ("human", "P01", "latency-250")
+    assert (trial.task, trial.seed, trial.limit) == (late.task, late.seed, late.limit)
+    assert (trial.verdict, trial.time, trial.reason) == (late.verdict, late.time, late.reason)
+    assert (trial.stages, trial.undesired, trial.reached) == (late.stages, late.undesired, True)
+    assert trial.command.mean == pytest.approx(late.command.mean, abs=0.001)
     # The other goes on for half a second after the verdict.
-    assert row.hand_path == pytest.approx(late.hand_path, rel=0.2)
-    assert row.arm_acceleration == pytest.approx(late.arm_acceleration, rel=0.2)
+    assert trial.hand_path == pytest.approx(late.hand_path, rel=0.2)
+    assert trial.arm_acceleration == pytest.approx(late.arm_acceleration, rel=0.2)
 
 
 def test_a_persons_log_is_taken_in_once(
@@ -122,16 +122,18 @@ def test_a_persons_log_is_taken_in_once(
     root = str(tmp_path / "study")
     assert main(["study", "latency", "--episodes", "0", "--out", root]) == 0
     words = ["study", "add", str(log), "--condition", "latency-250", "--out", root]
-    assert main([*words, "--participant", "Jane Doe"]) == 2
+    with pytest.raises(SystemExit) as ended:
+        main([*words, "--participant", "Jane Doe"])
+    assert ended.value.code == 2
     assert main([*words, "--participant", "P01"]) == 0
-    assert "asked for 250 ms, measured 25" in capsys.readouterr().out
+    assert "requested 250 ms, measured 25" in capsys.readouterr().out
     assert main([*words, "--participant", "P01"]) == 0
     assert "there already" in capsys.readouterr().out
     assert main(["study", "latency", "--report", root]) == 0
     assert "human" in capsys.readouterr().out
-    store = Store(Path(root))
-    assert [row.key for row in store.human_rows()] == [("P01", UNLOCK, "latency-250", 0)]
-    assert store.rows() == []
+    store = StudyStore(Path(root))
+    assert [trial.key for trial in store.human_trials()] == [("P01", UNLOCK, "latency-250", 0)]
+    assert store.trials() == []
 
 
 def test_a_log_of_another_condition_is_refused(
@@ -142,11 +144,11 @@ def test_a_log_of_another_condition_is_refused(
     words = ["study", "add", str(log), "--participant", "P01", "--out", root, "--condition"]
     for wrong, asked in (("latency-500", 500), ("interpolation", 0)):
         assert main([*words, wrong]) == 1
-        told = capsys.readouterr().err
-        assert f"{wrong} asks for {asked} ms of command latency, measured were 25" in told
-        assert Store(Path(root)).human_rows() == []
+        shown = capsys.readouterr().err
+        assert f"{wrong} asks for {asked} ms of command latency, measured were 25" in shown
+        assert StudyStore(Path(root)).human_trials() == []
     assert main([*words, "latency-500", "--anyway"]) == 0
-    assert len(Store(Path(root)).human_rows()) == 1
+    assert len(StudyStore(Path(root)).human_trials()) == 1
 
 
 @pytest.mark.parametrize(
@@ -164,22 +166,25 @@ def test_a_log_of_another_condition_is_refused(
 def test_latencies_agree_with_their_condition(
     asked: float, p99: float, mean: float | None, agrees: bool
 ) -> None:
-    assert LinkTake(asked_mean=asked, asked_p99=p99, mean=mean).agrees(OWN_COMMAND) is agrees
+    assert (
+        LinkLatency(asked_mean=asked, asked_p99=p99, mean=mean).agrees(OWN_LATENCY["command"])
+        is agrees
+    )
 
 
-class Told(LogReader):
-    """A log of a judge's words alone, and of what was asked of the plant."""
+class JudgeLog(LogReader):
+    """A log with only the judge's statuses and the requests to the plant."""
 
-    def __init__(self, *said: TaskStatus | PlantRequest) -> None:
-        super().__init__(Path("told.mcap"))
-        self._said = said
+    def __init__(self, *messages: TaskStatus | PlantRequest) -> None:
+        super().__init__(Path("judge.mcap"))
+        self._messages = messages
 
     def messages(self) -> Iterator[tuple[Topic[Any], Message]]:
-        for message in self._said:
+        for message in self._messages:
             yield TASK_STATUS if isinstance(message, TaskStatus) else PLANT_REQUEST, message
 
 
-def word(
+def status(
     resets: int, verdict: TaskVerdict, time: float, *, goal: bool = False, boot: int = 1
 ) -> TaskStatus:
     return TaskStatus(
@@ -196,57 +201,60 @@ def word(
 
 
 def test_every_trial_of_a_log_that_came_to_its_end_counts() -> None:
-    log = Told(
-        word(0, TaskVerdict.RUNNING, 1.0),
-        word(0, TaskVerdict.PARTIAL, 9.0, goal=True),
-        word(0, TaskVerdict.PARTIAL, 9.0, goal=True),
-        word(1, TaskVerdict.RUNNING, 3.0),
-        word(2, TaskVerdict.FAILURE, 20.0),
-        word(3, TaskVerdict.RUNNING, 2.0),
+    log = JudgeLog(
+        status(0, TaskVerdict.RUNNING, 1.0),
+        status(0, TaskVerdict.PARTIAL, 9.0, goal=True),
+        status(0, TaskVerdict.PARTIAL, 9.0, goal=True),
+        status(1, TaskVerdict.RUNNING, 3.0),
+        status(2, TaskVerdict.FAILURE, 20.0),
+        status(3, TaskVerdict.RUNNING, 2.0),
     )
-    first, second = trials_of(log, "P01", standard("command")[1])
+    first, second = read_trials(log, "P01", standard("command")[1])
     assert (first.seed, first.verdict, first.time, first.reached) == (5, "partial", 9.0, True)
     assert (second.seed, second.verdict, second.time, second.reached) == (7, "failure", 20.0, False)
     assert [touch.name for touch in first.undesired] == ["left wrist on jamb"]
     assert first.stages == ("lever pressed", "open")
     assert first.command.mean is None
     with pytest.raises(LatencyStudyError, match="no verdict"):
-        trials_of(Told(word(0, TaskVerdict.RUNNING, 1.0)), "P01", standard("command")[1])
+        read_trials(JudgeLog(status(0, TaskVerdict.RUNNING, 1.0)), "P01", standard("command")[1])
 
 
 def test_a_plant_that_is_started_anew_begins_a_trial() -> None:
-    log = Told(
-        word(0, TaskVerdict.FAILURE, 20.0),
-        word(0, TaskVerdict.RUNNING, 1.0, boot=2),
-        word(0, TaskVerdict.SUCCESS, 8.0, goal=True, boot=2),
+    log = JudgeLog(
+        status(0, TaskVerdict.FAILURE, 20.0),
+        status(0, TaskVerdict.RUNNING, 1.0, boot=2),
+        status(0, TaskVerdict.SUCCESS, 8.0, goal=True, boot=2),
     )
-    rows = trials_of(log, "P01", standard("command")[1])
-    assert [(row.verdict, row.time) for row in rows] == [("failure", 20.0), ("success", 8.0)]
+    trials = read_trials(log, "P01", standard("command")[1])
+    assert [(trial.verdict, trial.time) for trial in trials] == [
+        ("failure", 20.0),
+        ("success", 8.0),
+    ]
 
 
 def test_what_passed_before_the_person_came_is_not_theirs() -> None:
     def new_trial(seed: int) -> PlantRequest:
         return PlantRequest(header=Header(source="up"), action=PlantAction.RESET, seed=seed)
 
-    log = Told(
-        word(0, TaskVerdict.FAILURE, 20.0),
+    log = JudgeLog(
+        status(0, TaskVerdict.FAILURE, 20.0),
         new_trial(5),
-        word(0, TaskVerdict.FAILURE, 20.0),
-        word(1, TaskVerdict.SUCCESS, 8.0, goal=True),
+        status(0, TaskVerdict.FAILURE, 20.0),
+        status(1, TaskVerdict.SUCCESS, 8.0, goal=True),
         # Who comes again is given the next seed, and the trial before was theirs.
         new_trial(7),
-        word(2, TaskVerdict.PARTIAL, 9.0, goal=True),
+        status(2, TaskVerdict.PARTIAL, 9.0, goal=True),
     )
-    rows = trials_of(log, "P01", standard("command")[1])
-    assert [row.verdict for row in rows] == ["success", "partial"]
+    trials = read_trials(log, "P01", standard("command")[1])
+    assert [trial.verdict for trial in trials] == ["success", "partial"]
 
 
 def test_a_log_that_is_none_is_told(tmp_path: Path) -> None:
     with pytest.raises(LoggerError, match="cannot open"):
-        trials_of(LogReader(tmp_path / "log.mcap"), "P01", standard("command")[2])
+        read_trials(LogReader(tmp_path / "log.mcap"), "P01", standard("command")[2])
 
 
-def test_code_that_is_another_runs_no_trial() -> None:
-    plan = plan_of(*standard("command"), tasks=(UNLOCK,), versions={"source": "0123456789ab"})
-    with pytest.raises(LatencyStudyError, match="edited while the study ran"):
+def test_other_code_runs_no_trial() -> None:
+    plan = plan_of(*standard("command"), tasks=(UNLOCK,))
+    with pytest.raises(LabError, match="source: abc"):
         run_study_trial(plan, TrialKey(0, UNLOCK, "raw"))

@@ -8,7 +8,7 @@ import pytest
 
 from common.episodes.errors import EpisodeError
 from lab.cli.main import main
-from lab.demonstrations.export.source import EpisodeSelection, choose, reading
+from lab.demonstrations.export.selection import EpisodeSelection, open_selected, select_episodes
 from lab.errors import DatasetError
 from tests.lab.demonstrations.export.support import FRAMES, SIZE, VERDICT, make, rows
 
@@ -16,7 +16,7 @@ MIXED = ("success", "failure", "success", "partial", "success")
 
 
 def taken(choice: EpisodeSelection) -> list[int]:
-    return [chosen.meta.seed for chosen in choose(choice).episodes]
+    return [chosen.meta.seed for chosen in select_episodes(choice).episodes]
 
 
 def test_successes_unless_others_are_asked_for(tmp_path: Path) -> None:
@@ -25,14 +25,14 @@ def test_successes_unless_others_are_asked_for(tmp_path: Path) -> None:
     assert taken(EpisodeSelection(roots, failures=True)) == [0, 1, 2, 3, 4]
     assert taken(EpisodeSelection(roots, seeds=(1, 4))) == [2]
     assert taken(EpisodeSelection(roots, seeds=(None, 2), failures=True)) == [0, 1]
-    failed = choose(EpisodeSelection(roots, seeds=(1, 2), failures=True)).episodes[0]
+    failed = select_episodes(EpisodeSelection(roots, seeds=(1, 2), failures=True)).episodes[0]
     assert not failed.rewards().any()
 
 
 def test_frames_end_with_the_verdict_unless_the_tail_is_asked_for(tmp_path: Path) -> None:
     roots = (make(tmp_path / "d", ("success",)),)
     (short,), (long,) = (
-        choose(EpisodeSelection(roots, tail=tail)).episodes for tail in (False, True)
+        select_episodes(EpisodeSelection(roots, tail=tail)).episodes for tail in (False, True)
     )
     assert (short.frames, long.frames) == (VERDICT, FRAMES)
     assert short.rewards().tolist() == [0.0] * (VERDICT - 1) + [1.0]
@@ -47,37 +47,37 @@ def test_sizes(
     width: int | None, height: int | None, expected: tuple[int, int], tmp_path: Path
 ) -> None:
     roots = (make(tmp_path / "d", ("success",)),)
-    source = choose(EpisodeSelection(roots, width=width, height=height))
+    source = select_episodes(EpisodeSelection(roots, width=width, height=height))
     assert source.size == expected
     assert source.resized == (expected != SIZE)
-    with reading(source.episodes[0]) as episode:
+    with open_selected(source.episodes[0]) as episode:
         assert source.picture(episode, "left", 0).shape == (expected[1], expected[0], 3)
-    assert choose(EpisodeSelection(roots, pictures=False)).size is None
+    assert select_episodes(EpisodeSelection(roots, pictures=False)).size is None
 
 
 def test_sets_of_different_sizes_need_a_common_one(tmp_path: Path) -> None:
     roots = (make(tmp_path / "a", ("success",)), make(tmp_path / "b", ("success",), size=(64, 64)))
     with pytest.raises(DatasetError, match="48x32, 64x64"):
-        choose(EpisodeSelection(roots, width=32))
-    assert choose(EpisodeSelection(roots, width=32, height=32)).size == (32, 32)
-    assert choose(EpisodeSelection(roots, pictures=False)).size is None
+        select_episodes(EpisodeSelection(roots, width=32))
+    assert select_episodes(EpisodeSelection(roots, width=32, height=32)).size == (32, 32)
+    assert select_episodes(EpisodeSelection(roots, pictures=False)).size is None
     blind = (*roots, make(tmp_path / "c", ("success",), size=None))
     with pytest.raises(DatasetError, match="none"):
-        choose(EpisodeSelection(blind, width=32, height=32))
+        select_episodes(EpisodeSelection(blind, width=32, height=32))
 
 
 def test_what_cannot_be_exported_is_told(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="trill collect"):
-        choose(EpisodeSelection((tmp_path,)))
+        select_episodes(EpisodeSelection((tmp_path,)))
     failed = make(tmp_path / "d", ("failure",))
     with pytest.raises(DatasetError, match="--failures"):
-        choose(EpisodeSelection((failed,)))
+        select_episodes(EpisodeSelection((failed,)))
     with pytest.raises(DatasetError, match="with seeds 3:"):
-        choose(EpisodeSelection((failed,), seeds=(3, None), failures=True))
+        select_episodes(EpisodeSelection((failed,), seeds=(3, None), failures=True))
     blind = make(tmp_path / "b", ("success",), size=None)
-    assert choose(EpisodeSelection((blind,))).size is None
+    assert select_episodes(EpisodeSelection((blind,))).size is None
     with pytest.raises(DatasetError, match="no pictures"):
-        choose(EpisodeSelection((blind,), width=20))
+        select_episodes(EpisodeSelection((blind,), width=20))
 
 
 def test_a_gap_in_time_is_refused(tmp_path: Path) -> None:
@@ -85,10 +85,12 @@ def test_a_gap_in_time_is_refused(tmp_path: Path) -> None:
     given.rows["time/robot_ns"][5:] = [
         int(str(t)) + 30_000_000 for t in given.rows["time/robot_ns"][5:]
     ]
-    source = choose(EpisodeSelection((make(tmp_path / "d", ("success",), rows_of={0: given}),)))
+    source = select_episodes(
+        EpisodeSelection((make(tmp_path / "d", ("success",), rows_of={0: given}),))
+    )
     with (
         pytest.raises(DatasetError, match=r"frame 5 is \+30\.0 ms off"),
-        reading(source.episodes[0]),
+        open_selected(source.episodes[0]),
     ):
         pass
 
@@ -101,12 +103,12 @@ def test_robot_time_in_steps_that_do_not_fit_is_no_gap(tmp_path: Path) -> None:
     ]
     for steps, name in ((3, "a"), (1, "b")):
         root = make(tmp_path / name, ("success",), rows_of={0: given}, physics_steps=steps)
-        (chosen,) = choose(EpisodeSelection((root,))).episodes
+        (chosen,) = select_episodes(EpisodeSelection((root,))).episodes
         if steps == 1:
-            with pytest.raises(DatasetError, match=r"2\.0 ms off"), reading(chosen):
+            with pytest.raises(DatasetError, match=r"2\.0 ms off"), open_selected(chosen):
                 pass
         else:
-            with reading(chosen) as episode:
+            with open_selected(chosen) as episode:
                 assert episode.meta.frames == FRAMES
 
 
@@ -117,9 +119,9 @@ def test_an_episode_is_not_taken_twice(tmp_path: Path) -> None:
     copy = shutil.copytree(root, tmp_path / "copy")
     for other in (root, link, copy):
         with pytest.raises(DatasetError, match="the same episode"):
-            choose(EpisodeSelection((root, other)))
+            select_episodes(EpisodeSelection((root, other)))
     late = make(tmp_path / "late", physics_steps=5)
-    assert len(choose(EpisodeSelection((root, late))).episodes) == 6
+    assert len(select_episodes(EpisodeSelection((root, late))).episodes) == 6
 
 
 def test_a_damaged_episode_is_told(tmp_path: Path) -> None:
@@ -127,7 +129,7 @@ def test_a_damaged_episode_is_told(tmp_path: Path) -> None:
     with h5py.File(root / "episodes" / "000001.h5", "r+") as file:
         del file.attrs["meta"]
     with pytest.raises(EpisodeError, match=r"000001\.h5 as an episode, it is damaged"):
-        choose(EpisodeSelection((root,)))
+        select_episodes(EpisodeSelection((root,)))
 
 
 def damaged(root: Path, name: str) -> None:

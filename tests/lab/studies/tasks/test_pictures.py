@@ -5,9 +5,10 @@ from pathlib import Path
 import cv2
 import pytest
 
+from lab.errors import LabError
 from lab.review.timeline import read_timeline
 from lab.studies.tasks.command import main
-from lab.studies.tasks.film import LARGEST, FilmError, write_sheet
+from lab.studies.tasks.pictures import LARGEST, write_sheet
 from lab.trials.spec import TrialResult
 from services.sim.errors import RenderingUnavailableError
 from tests.lab.review.synthetic import FakeRobot
@@ -28,16 +29,16 @@ def test_a_sheet_is_small_and_has_three_rows(tmp_path: Path) -> None:
     assert sheet is not None
     height, width, _ = sheet.shape
     assert 1.5 < width / height < 2.0
-    # Below two rows from outside there is what the eye sees.
-    eye = sheet[-height // 4 :, : width // 5]
-    assert eye.std() > 10.0
-    assert eye.mean() < 240.0
-    with pytest.raises(FilmError, match="expected a name like sheet"):
+    # Below two rows from outside there are the left camera's images.
+    image = sheet[-height // 4 :, : width // 5]
+    assert image.std() > 10.0
+    assert image.mean() < 240.0
+    with pytest.raises(LabError, match="expected a name like sheet"):
         write_sheet(RESULT, timeline, tmp_path / "sheet.hue")
 
 
 def test_a_file_cannot_hold_all_tasks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["film", "all", "--out", "one.jpg"]) == 2
+    assert main(["pictures", "all", "--out", "one.jpg"]) == 2
     assert "expected a directory for several tasks, got one.jpg" in capsys.readouterr().err
 
 
@@ -52,6 +53,8 @@ def test_a_place_where_no_sheet_can_be_is_told_before_the_trial(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     (tmp_path / "file").write_text("in the way")
-    monkeypatch.setattr("lab.studies.tasks.film.record", lambda _: pytest.fail("it was run"))
-    assert main(["film", "door/unlock", "--out", str(tmp_path / out)]) == 1
+    monkeypatch.setattr(
+        "lab.studies.tasks.pictures.record_trial", lambda _: pytest.fail("it was run")
+    )
+    assert main(["pictures", "door/unlock", "--out", str(tmp_path / out)]) == 1
     assert words in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""Collected episodes as they are in their files, for comparison."""
+"""Read collected episodes from their files and compare them with what a loader returns."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -15,17 +15,17 @@ RATE = 20
 
 
 class MismatchError(AssertionError):
-    """What a loader gave is not what was collected."""
+    """A loader returned something else than was collected."""
 
 
 @dataclass(frozen=True)
-class Original:
+class CollectedEpisode:
     """A successful episode up to the judge's verdict.
 
     Attributes:
-        file: open HDF5 file.
-        meta: its description.
-        frames: before the verdict.
+        file: the open HDF5 file.
+        meta: the description of the episode.
+        frames: number of frames before the verdict.
     """
 
     file: Any
@@ -33,16 +33,16 @@ class Original:
     frames: int
 
     def array(self, path: str) -> Any:
-        """One array (frames, columns), as float32."""
+        """Return an array (frames, columns) as float32."""
         values = np.asarray(self.file[path][: self.frames])
         return values.reshape(self.frames, -1).astype(np.float32)
 
     def names(self, path: str) -> list[str]:
-        """Names of an array's columns."""
+        """Return the names of an array's columns."""
         return [str(name) for name in self.file[path].attrs["names"]]
 
     def picture(self, eye: str, frame: int, size: tuple[int, int] | None = None) -> Any:
-        """One picture (height, width, 3) RGB, at ``size`` (width, height) if given."""
+        """Return a picture (height, width, 3) RGB, resized to ``size`` (width, height) if given."""
         group = self.file[f"images/{eye}"]
         begin, end = group["offset"][frame : frame + 2]
         picture = cv2.imdecode(np.asarray(group["data"][begin:end]), cv2.IMREAD_COLOR)
@@ -52,21 +52,21 @@ class Original:
         return picture
 
 
-def originals(roots: Sequence[Path]) -> Iterator[Original]:
-    """The episodes of some data sets, one open at a time."""
+def collected_episodes(roots: Sequence[Path]) -> Iterator[CollectedEpisode]:
+    """Yield the successful episodes of data sets, one open at a time."""
     for root in roots:
         for path in sorted((root / "episodes").glob("*.h5")):
             with h5py.File(path, "r") as file:
                 meta = json.loads(file.attrs["meta"])
                 if meta["verdict"] == "success":
-                    yield Original(file, meta, meta["verdict_frame"])
+                    yield CollectedEpisode(file, meta, meta["verdict_frame"])
 
 
-def same(what: str, got: Any, expected: Any) -> int:
-    """Check that numbers are equal to the bit; returns how many there were.
+def check_equal(what: str, got: Any, expected: Any) -> int:
+    """Check that numbers are equal to the bit; return how many were compared.
 
     Raises:
-        MismatchError: they are not.
+        MismatchError: the numbers differ.
     """
     got, expected = np.asarray(got), np.asarray(expected)
     if got.shape != expected.shape or not np.array_equal(got, expected):
@@ -78,6 +78,6 @@ def same(what: str, got: Any, expected: Any) -> int:
 
 
 def psnr(got: Any, expected: Any) -> float:
-    """Peak signal-to-noise ratio of two 8-bit pictures [dB]; infinite if they are equal."""
+    """Return the peak signal-to-noise ratio of two 8-bit pictures [dB], infinite if equal."""
     error = float(np.mean((got.astype(np.float64) - expected.astype(np.float64)) ** 2))
     return float(10 * np.log10(255**2 / error)) if error > 0 else float("inf")

@@ -1,0 +1,1 @@
+"""Processes that the fault plans run: probe services, traffic generator, tap reader, clock shim."""
