@@ -1,5 +1,6 @@
 """Define the root of every exception of this project; put validation errors in words."""
 
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -19,6 +20,15 @@ class SchemaError(TrillError):
 
 class ConfigError(TrillError):
     """A configuration file or option is wrong."""
+
+
+def report(program: str, error: TrillError) -> int:
+    """Print the error with which ``program`` ends; return its exit code.
+
+    The code is 2 for a wrong configuration or option, else 1.
+    """
+    print(f"{program}: {error}", file=sys.stderr)
+    return 2 if isinstance(error, ConfigError) else 1
 
 
 def explain(error: "ValidationError") -> str:

@@ -15,24 +15,45 @@ _BLOCK = 4096
 """Bytes read at once to find the last line."""
 
 
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it exists whole or not at all, whenever the process is killed.
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield a temporary path beside ``path``, which replaces it when the block has ended well.
+
+    The file is there whole or not at all, whenever the process is killed; the temporary one is
+    removed if the block fails.
 
     Raises:
-        OSError: it cannot be written; nothing of it is left.
+        OSError: it cannot be written.
     """
     temporary = path.with_name(path.name + PART)
     try:
-        with temporary.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
+        yield temporary
+        _synchronise(temporary)
         temporary.replace(path)
-    except OSError:
+        _synchronise(path.parent)
+    finally:
         # A useless remnant must not keep a full disk full.
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
-        raise
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write ``content`` as a :func:`whole_file`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    with whole_file(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def _synchronise(path: Path) -> None:
+    """Wait until a file, or the names in a directory, are on the disk."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def append_line(path: Path, text: str) -> None:

@@ -11,12 +11,7 @@ def install_hint(extra: str) -> str:
 
 
 def require(who: str, extra: str, *packages: str) -> None:
-    """Check that ``packages`` can be imported.
-
-    Args:
-        who: the command that needs them, for the message.
-        extra: the optional dependency of this project that installs them.
-        packages: import names.
+    """Check that the ``packages`` of ``extra``, which ``who`` needs, can be imported.
 
     Raises:
         ConfigError: a package is missing or broken; the message names the extra.

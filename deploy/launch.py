@@ -44,13 +44,7 @@ class RunResult:
 
 @dataclass(frozen=True)
 class RunningSystem:
-    """Processes and bus of a running system.
-
-    Attributes:
-        supervisor: its processes.
-        bus: configuration with which to join its bus.
-        run_dir: directory of its files.
-    """
+    """Processes of a running system, the bus to join it by, and the directory of its files."""
 
     supervisor: Supervisor
     bus: BusConfig
@@ -75,7 +69,7 @@ def running_system(
         DeployError: the system cannot be started.
         ConfigError: the bus configuration is wrong.
     """
-    known = bus_of(base_port, options.config)
+    known = bus_of(options.config, base_port=base_port)
     with reserve_base_port(known.host, base_port) as port:
         # Made last, so that a wrong option leaves no empty directory.
         run_dir = new_run_dir()

@@ -18,11 +18,9 @@ _MARK = _FIRST + STRIDE - 1
 
 @contextlib.contextmanager
 def reserve_base_port(host: str = "127.0.0.1", wanted: int | None = None) -> Iterator[int]:
-    """Yield a base port whose whole block is free; the block stays marked inside the context.
+    """Yield a base port whose whole block is free on ``host``: ``wanted``, or the first one.
 
-    Args:
-        host: address the services will listen on.
-        wanted: take this base port instead of looking for a free block.
+    The block stays marked inside the context.
 
     Raises:
         DeployError: a port of ``wanted`` is in use, or no block is free.

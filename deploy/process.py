@@ -5,18 +5,10 @@ import os
 import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 
 TAIL_LINES = 12
 """Log lines quoted when a service dies."""
-
-
-class Restart(Enum):
-    """Whether a process that ends on its own is started again."""
-
-    NEVER = "never"
-    ON_FAILURE = "on-failure"
 
 
 @dataclass(frozen=True)
@@ -42,7 +34,7 @@ class ProcessSpec:
     name: str
     module: str
     args: tuple[str, ...] = ()
-    restart: Restart = Restart.NEVER
+    restart: bool = False
     max_restarts: int = 3
     spare: bool = False
     enabled: bool = True
@@ -62,6 +54,7 @@ class Exit:
         expected: whether it was allowed to finish and did so with code 0.
         restarted: whether it is running again.
         tail: the last lines of its log.
+        essential: the system is of no use without it.
     """
 
     name: str
@@ -69,6 +62,7 @@ class Exit:
     expected: bool
     restarted: bool
     tail: tuple[str, ...]
+    essential: bool = True
 
     def describe(self) -> str:
         """Return a paragraph for the operator: name, exit code and last lines of the log."""

@@ -9,17 +9,16 @@ that it may start last, stop first and be restarted.
 
 import argparse
 import logging
-import sys
 import time
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
-from common.errors import ConfigError, TrillError
+from common.errors import TrillError, report
 from common.ports import DEFAULT_BASE_PORT, ROUTER_OFFSET
 from common.runtime.live.stopping import StopSignals
-from common.transport.config import BusConfig, bus_of, split_list
+from common.transport.config import BusConfig, bus_of
+from common.transport.options import add_bus_options
 from common.transport.session import open_session
 
 NAME = "router"
@@ -50,31 +49,20 @@ exit codes: 0 after SIGINT or SIGTERM, 1 if the port is not free, 2 for wrong op
 _log = logging.getLogger("trill.router")
 
 
-def router_config(
-    bus: BusConfig, listen: Sequence[str] | None = None, connect: Sequence[str] | None = None
-) -> BusConfig:
-    """Return the bus configuration of the router.
+def router_config(bus: BusConfig) -> BusConfig:
+    """Return the bus configuration of the router beside the services of ``bus``.
 
-    Args:
-        bus: configuration of a service; its mode is ignored.
-        listen: endpoints to listen on; None: as in ``bus``, or else the port below its base port.
-        connect: endpoints of services; None: as in ``bus``, or else the whole port table.
+    It listens where ``bus`` says, or else on the port below its base port, and connects to what
+    ``bus`` names, or else to the whole port table. The mode of ``bus`` is ignored.
     """
-    listen = bus.listen if listen is None else tuple(listen)
-    return bus.model_copy(
-        update={
-            "mode": "router",
-            "listen": listen or (f"tcp/{bus.host}:{bus.base_port + ROUTER_OFFSET}",),
-            "connect": bus.connect if connect is None else tuple(connect),
-        }
-    )
+    listen = bus.listen or (f"tcp/{bus.host}:{bus.base_port + ROUTER_OFFSET}",)
+    return bus.model_copy(update={"mode": "router", "listen": listen})
 
 
 def describe(kinds: Sequence[str]) -> str:
-    """Return the connections in words, e.g. ``3 peers, 1 client``; ``nobody`` for none.
+    """Return connections, each ``peer``, ``client`` or ``router``, in words: ``3 peers, 1 client``.
 
-    Args:
-        kinds: one of ``peer``, ``client``, ``router`` for each connection.
+    It is ``nobody`` for none.
     """
     counts = Counter(kinds)
     words = [
@@ -93,25 +81,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    result.add_argument(
-        "--config", type=Path, help="TOML file with the settings of all services [TRILL_CONFIG]"
-    )
-    result.add_argument("--host", help="address of the port table (127.0.0.1) [TRILL_HOST]")
-    result.add_argument(
-        "--base-port",
-        type=int,
-        help=f"first port of the table ({DEFAULT_BASE_PORT}) [TRILL_BASE_PORT]",
-    )
-    result.add_argument(
-        "--listen",
-        type=split_list,
-        help="endpoints for clients, by commas (tcp/HOST:BASE_PORT-1) [TRILL_LISTEN]",
-    )
-    result.add_argument(
-        "--connect",
-        type=split_list,
-        help="endpoints of services, by commas (the port table) [TRILL_CONNECT]",
-    )
+    add_bus_options(result)
     return result
 
 
@@ -121,14 +91,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     stop = StopSignals().install()
     try:
-        bus = bus_of(arguments.base_port, arguments.config, host=arguments.host)
-        route(router_config(bus, arguments.listen, arguments.connect), stop)
-    except ConfigError as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
-        return 2
+        route(router_config(bus_of(**vars(arguments))), stop)
     except TrillError as error:
-        print(f"{NAME}: {error}", file=sys.stderr)
-        return 1
+        return report(NAME, error)
     return 0
 
 

@@ -19,7 +19,7 @@ from typing import IO
 
 from deploy.child import SPARE
 from deploy.errors import DeployError
-from deploy.process import Exit, ProcessSpec, Restart, tail
+from deploy.process import Exit, ProcessSpec, tail
 
 SPARE_AFTER_S = 3.0
 """A spare is started when its service has run for this long, so that it does not slow the start
@@ -40,11 +40,7 @@ class _Child:
     @property
     def restartable(self) -> bool:
         """Whether it would be started again if it failed now."""
-        return (
-            self.spec.restart is Restart.ON_FAILURE
-            and self.restarts < self.spec.max_restarts
-            and self.exit is None
-        )
+        return self.spec.restart and self.restarts < self.spec.max_restarts and self.exit is None
 
 
 @dataclass(frozen=True)
@@ -132,10 +128,6 @@ class Supervisor:
         spare = self._children[name].spare
         return None if spare is None else spare.pid
 
-    def spec(self, name: str) -> ProcessSpec:
-        """Return the declaration of process ``name``, which must have been started."""
-        return self._children[name].spec
-
     def running(self) -> list[str]:
         """Return the names of the processes that run, in starting order."""
         return [name for name in self._children if self.alive(name)]
@@ -207,7 +199,7 @@ class Supervisor:
             # The successor first: everything else can wait for it.
             self._restart(child)
         lines = () if spec.foreground else tail(self.log_path(spec.name))
-        ended = Exit(spec.name, code, expected, again, lines)
+        ended = Exit(spec.name, code, expected, again, lines, spec.essential)
         if not again:
             child.exit = ended
             _discard_spare(child)

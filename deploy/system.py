@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deploy.errors import DeployError
-from deploy.process import ProcessSpec, Restart
+from deploy.process import ProcessSpec
 
 RUNS = Path("runs")
 """Directory of all runs, below the current directory."""
@@ -28,7 +28,7 @@ class SystemOptions:
             URDF's); None: those of the configuration, ``relaxed`` if it has none.
         cameras: whether the cameras run.
         record: whether a logger records everything.
-        config: TOML file for the whole stack, or None.
+        config: TOML file with the settings of all services, or None.
         restart: whether a service that fails is started again.
         links: injected delays, as the text of TRILL_LINKS.
         task: scored task of the plant; None: flat ground.
@@ -39,7 +39,7 @@ class SystemOptions:
     cameras: bool = True
     record: bool = True
     config: Path | None = None
-    restart: Restart = Restart.NEVER
+    restart: bool = False
     links: str = ""
     task: str | None = None
     seed: int | None = None
@@ -93,35 +93,16 @@ def _option(name: str, value: str | None) -> tuple[str, ...]:
     return () if value is None else (name, value)
 
 
-def scripted_operator(script: str) -> ProcessSpec:
-    """Declare an operator that plays ``script`` and ends."""
+def operator_process(*args: str, foreground: bool = False) -> ProcessSpec:
+    """Declare the operator, ``python -m services.teleop`` with ``args``.
+
+    With ``foreground`` it owns this terminal, as the keyboard operator must.
+    """
     return ProcessSpec(
         OPERATOR,
         "services.teleop",
-        ("scripted", "--script", script),
-        may_finish=True,
-        stop_order=_FIRST,
-    )
-
-
-def synthetic_operator(task: str, seed: int) -> ProcessSpec:
-    """Declare an operator that does ``task`` like a person with a headset, then keeps running."""
-    return ProcessSpec(
-        OPERATOR,
-        "services.teleop",
-        ("synthetic", "--task", task, "--seed", str(seed), "--stay"),
-        may_finish=True,
-        stop_order=_FIRST,
-    )
-
-
-def keyboard_operator() -> ProcessSpec:
-    """Declare the keyboard operator, which owns this terminal."""
-    return ProcessSpec(
-        OPERATOR,
-        "services.teleop",
-        ("keyboard",),
-        foreground=True,
+        args,
+        foreground=foreground,
         may_finish=True,
         stop_order=_FIRST,
     )
@@ -159,6 +140,11 @@ def new_run_dir(root: Path = RUNS) -> Path:
             ) from error
         return path
     raise DeployError(f"too many runs at {stamp} in {root}")
+
+
+def log_path(given: Path) -> Path:
+    """Return the log file, given that or its run's directory."""
+    return given / LOG_FILE if given.is_dir() else given
 
 
 def terminal() -> bool:

@@ -24,12 +24,7 @@ _SETTLED_S = 1.0
 
 @dataclass(frozen=True)
 class Answers:
-    """Answers of all services to one query.
-
-    Attributes:
-        replies: replies by service.
-        errors: the refusals, in words.
-    """
+    """Replies of all services to one query, by service, and the refusals in words."""
 
     replies: dict[str, LinkReply] = field(default_factory=dict)
     errors: tuple[str, ...] = ()
@@ -42,12 +37,7 @@ class Answers:
 
 
 def ask(session: Any, robot: str, live: LiveLinks | None = None) -> Answers:
-    """Query every service that is connected now, and wait for the answers.
-
-    Args:
-        session: an open Zenoh session.
-        robot: first part of every key.
-        live: links to put in force; None: change nothing.
+    """Query every service that is connected now, with the ``live`` links to set, if any.
 
     Raises:
         LinkControlError: the bus does not take the query.

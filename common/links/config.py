@@ -55,12 +55,7 @@ _FEEDBACK = _CAMERA | {(operator, topic.name) for operator in OPERATORS for topi
 
 
 class Alias(NamedTuple):
-    """A short name for several links.
-
-    Attributes:
-        description: for help texts.
-        links: (consumer, topic); an empty consumer stands for every one.
-    """
+    """A short name for several links (consumer, topic); an empty consumer stands for every one."""
 
     description: str
     links: frozenset[tuple[str, str]]
@@ -138,9 +133,7 @@ class Links:
     def from_table(cls, table: Mapping[str, Any], also: Iterable[str] = ()) -> Self:
         """Make one layer of a mapping of names to specifications (string, table or object).
 
-        Args:
-            table: the links.
-            also: services that may be named though :data:`~common.ports.PORT_OFFSETS` does not.
+        It may name the services of :data:`~common.ports.PORT_OFFSETS` and those in ``also``.
 
         Raises:
             ConfigError: a name is unknown or a specification is wrong.

@@ -82,9 +82,7 @@ class LiveLinks(_Part):
     def with_links(self, links: Mapping[str, LinkSpec], now_ns: int) -> Self:
         """Return the document with one more change; zero delay switches a link off.
 
-        Args:
-            links: specifications by name.
-            now_ns: wall clock, which becomes the version unless that is older than this one's.
+        Its version is the wall clock ``now_ns``, or one more than this document's if that is newer.
 
         Raises:
             ConfigError: a name is unknown.

@@ -72,7 +72,6 @@ class DelayStats:
     pushed: int
     lost: int
     held_back: int
-    released: int
 
 
 class DelayLine(Generic[T]):
@@ -186,7 +185,6 @@ class DelayLine(Generic[T]):
             pushed=self._count,
             lost=self._lost,
             held_back=self._held_back,
-            released=self._released,
         )
 
     def _draw(self, number: int, at_ns: int) -> int:

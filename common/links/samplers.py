@@ -28,9 +28,8 @@ class SequentialSampler:
     def gauss(self, time_ns: int, tau: float) -> float:
         """Draw a standard normal number for the next message.
 
-        Args:
-            time_ns: when the message arrived, or was captured [ns].
-            tau: time constant of the correlation [s]; 0: independent numbers.
+        It arrived, or was captured, at ``time_ns``. ``tau`` is the time constant of the
+        correlation [s]; 0 gives independent numbers.
         """
         fresh = self._delays.gauss(0.0, 1.0)
         if tau > 0.0 and self._latent is not None:

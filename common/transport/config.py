@@ -19,11 +19,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from common.errors import ConfigError, explain
+from common.errors import ConfigError
 from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
-from common.tables import overlaid
+from common.tables import overlaid, validated
 
 SHARED_TABLES = ("bus", "links", "runtime")
 """Tables of a configuration file that are for every service."""
@@ -165,9 +165,7 @@ class BusConfig(BaseModel):
 def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:
     """Read a TOML file of tables: :data:`SHARED_TABLES` and one for each service.
 
-    Args:
-        path: the file.
-        also: services that may have a table though :data:`PORT_OFFSETS` does not name them.
+    Services that may have a table are those of :data:`PORT_OFFSETS` and those in ``also``.
 
     Raises:
         ConfigError: the file cannot be read, is not TOML, or holds anything but known tables.
@@ -223,26 +221,20 @@ def bus_config(
         is_list = field in {"listen", "connect"}
         values[field] = split_list(text) if is_list else text
     values |= {key: value for key, value in (arguments or {}).items() if value is not None}
-    try:
-        return BusConfig.model_validate(values)
-    except ValidationError as error:
-        raise ConfigError(f"the bus configuration is wrong: {explain(error)}") from error
+    return validated(BusConfig, values, what="the bus configuration")
 
 
-def bus_of(
-    base_port: int | None,
-    config: Path | None,
-    robot: str | None = None,
-    host: str | None = None,
-) -> BusConfig:
-    """Return the bus configuration of a system that is started with these options.
+def bus_of(config: Path | None = None, **arguments: Any) -> BusConfig:
+    """Return the bus configuration of a system: :func:`bus_config` with its file.
+
+    The file is ``config``, or that of ``TRILL_CONFIG``. ``arguments`` are fields of
+    :class:`BusConfig`, of which None counts as not given.
 
     Raises:
-        ConfigError: the file or an environment variable is wrong.
+        ConfigError: the file, a variable or an argument is wrong.
     """
-    chosen = config or (Path(text) if (text := os.environ.get("TRILL_CONFIG")) else None)
-    table = read_config_file(chosen).get("bus") if chosen else None
-    return bus_config(table, {"base_port": base_port, "robot": robot, "host": host})
+    chosen = config or os.environ.get("TRILL_CONFIG")
+    return bus_config(read_config_file(Path(chosen)).get("bus") if chosen else None, arguments)
 
 
 def split_list(text: str) -> tuple[str, ...]:

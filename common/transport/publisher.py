@@ -44,15 +44,10 @@ class Publisher(Generic[M]):
         boot: int,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Declare the publisher.
+        """Declare the publisher of ``topic`` by the service ``source``.
 
-        Args:
-            session: an open Zenoh session.
-            robot: first part of the key.
-            topic: what to publish.
-            source: the sending service.
-            boot: random id of this process.
-            clock: returns the time of sending [ns].
+        ``robot`` is the first part of the key, ``boot`` the random id of this process, and
+        ``clock`` returns the time of sending [ns].
         """
         self.topic = topic
         self.sent = 0

@@ -8,7 +8,6 @@ finds the robots on the bus and their topics.
 
 import json
 from collections.abc import Iterable, Mapping
-from functools import cached_property
 from typing import Any
 
 import msgpack
@@ -44,46 +43,29 @@ _Answer = TypeAdapter(dict[str, Description])
 class SchemaServer:
     """Answers queries for the schemas of a service's topics."""
 
-    def __init__(self, robot: str, service: str, topics: Iterable[Topic[Any]]) -> None:
-        """Prepare to describe ``topics`` of ``service``."""
-        self._robot = robot
-        self._service = service
-        self._topics = tuple(topics)
-        self._queryable: Any = None
-
-    @property
-    def key(self) -> str:
-        """The key on which it answers."""
-        return SCHEMA.key(self._robot, self._service)
-
-    @cached_property
-    def answer(self) -> bytes:
-        """The answer to every query, encoded."""
+    def __init__(
+        self, session: "zenoh.Session", robot: str, service: str, topics: Iterable[Topic[Any]]
+    ) -> None:
+        """Start answering on ``session`` for the ``topics`` of ``service``."""
         described = {}
-        for topic in self._topics:
+        for topic in topics:
             schema: type[Message] = topic.schema
             text = json.dumps(schema.model_json_schema(), ensure_ascii=False)
-            key = key_of(self._robot, topic, self._service)
+            key = key_of(robot, topic, service)
             described[key] = {"tag": schema_tag(schema), "jsonschema": text}
-        return bytes(msgpack.packb(described))
-
-    def open(self, session: "zenoh.Session") -> None:
-        """Start answering on ``session``."""
-        # Made now, so that the first query does not hold up the service's other threads.
-        answer = self.answer
-        key = self.key
+        # Encoded now, so that the first query does not hold up the service's other threads.
+        answer: bytes = msgpack.packb(described)
+        answer_key = SCHEMA.key(robot, service)
 
         def reply(query: Any) -> None:
             with query:
-                query.reply(key, answer)
+                query.reply(answer_key, answer)
 
-        self._queryable = session.declare_queryable(key, reply)
+        self._queryable: Any = session.declare_queryable(answer_key, reply)
 
     def close(self) -> None:
         """Stop answering; the session must still be open."""
-        if self._queryable is not None:
-            self._queryable.undeclare()
-            self._queryable = None
+        self._queryable.undeclare()
 
 
 def discover(

@@ -24,11 +24,6 @@ def open_session(
     A client cannot open without its router, so it retries for ``config.patience_s`` or until
     ``stopping`` returns True.
 
-    Args:
-        config: how to reach the bus.
-        service: chooses the listening port of the table.
-        stopping: called between attempts.
-
     Raises:
         BusError: Zenoh refuses the configuration, an endpoint cannot be listened on, or a client
             finds no router.

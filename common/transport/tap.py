@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ class RawTap:
 
     The transport's thread only passes samples on: to ``deliver`` if given, else to a queue bounded
     by messages and bytes. When the reader of that queue falls behind, the oldest samples are
-    dropped and counted in :attr:`dropped_by_key`.
+    dropped.
 
     Attributes:
         error: the exception of ``deliver``, after which nothing more is delivered; None while it
@@ -65,8 +65,6 @@ class RawTap:
         """
         self.received = 0
         self.error: Exception | None = None
-        self.dropped_by_key: Counter[str] = Counter()
-        """Samples dropped because too many waited to be drained, or one alone was too large."""
         self._session: Any = session
         self._queue: deque[RawSample] = deque()
         self._waiting_bytes = 0
@@ -82,11 +80,6 @@ class RawTap:
         self._readers: list[threading.Thread] = []
         for expression in expressions if expressions is not None else [f"{robot}/**"]:
             self.listen(expression)
-
-    @property
-    def dropped(self) -> int:
-        """Samples dropped, of all keys."""
-        return sum(self.dropped_by_key.values())
 
     def listen(self, expression: str) -> None:
         """Subscribe to one more key expression; a key matched by several is delivered once."""
@@ -163,6 +156,4 @@ class RawTap:
             queue.append(raw)
             self._waiting_bytes += len(raw.payload)
             while len(queue) > self._maxlen or self._waiting_bytes > self._max_bytes:
-                oldest = queue.popleft()
-                self._waiting_bytes -= len(oldest.payload)
-                self.dropped_by_key[oldest.key] += 1
+                self._waiting_bytes -= len(queue.popleft().payload)

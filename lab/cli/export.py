@@ -1,16 +1,12 @@
 """``trill export`` and ``trill view``: convert a log for robotics viewers, or open it in one."""
 
 import argparse
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deploy.extras import install_hint
-from deploy.system import LOG_FILE
+from deploy.extras import require
+from deploy.system import LOG_FILE, log_path
 from lab.cli.commands import Action
-from lab.errors import LabError
-from lab.logs.paths import log_path
 
 if TYPE_CHECKING:
     from services.logger.export.convert import Summary
@@ -51,7 +47,7 @@ VIEW_EXAMPLES = """examples:
   trill view runs/20260131-120000 --web --port 9090     in a browser, at the address it prints
   ssh -L 9090:127.0.0.1:9090 robot                      to view from another machine
 """
-_TABLE_INDENT = "  "
+_EXPORT_PACKAGES = ("foxglove_schemas_protobuf", "rosbags", "cv2")
 
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,13 +68,13 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
 
 def export(arguments: argparse.Namespace) -> int:
     """Convert a log; return exit code 0 also if some topics were left out."""
+    require("trill export", "export", *_EXPORT_PACKAGES)
     from lab.progress import ProgressBar
+    from services.logger.export.convert import export_log
 
     log = log_path(arguments.log)
     out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
-    with _extra("export"), ProgressBar("converting") as bar:
-        from services.logger.export.convert import export_log
-
+    with ProgressBar("converting") as bar:
         summary = export_log(
             log, out, topics=arguments.topics, force=arguments.force, on_progress=bar.show
         )
@@ -98,29 +94,28 @@ def add_view_arguments(parser: argparse.ArgumentParser) -> None:
 
 def view(arguments: argparse.Namespace) -> int:
     """Open a log in Rerun; return the viewer's exit code."""
+    require("trill view", "view", "rerun", *_EXPORT_PACKAGES)
     from lab.progress import ProgressBar
+    from services.logger.view import rerun
 
-    log = log_path(arguments.log)
-    with _extra("view"):
-        from services.logger.view import rerun
-
-        rerun.require_rerun()
-        with ProgressBar("converting") as bar:
-            prepared = rerun.prepare(log, fresh=arguments.fresh, on_progress=bar.show)
-        if prepared.summary is not None:
-            print("\n".join(_remarks(prepared.summary)))
-        print(f"recording      {prepared.path}")
-        if arguments.web or not rerun.has_display():
-            rerun.show_in_browser(prepared.path, arguments.port, _print_address)
-            return 0
-        return rerun.show(prepared.path)
+    with ProgressBar("converting") as bar:
+        path, summary = rerun.prepare(
+            log_path(arguments.log), fresh=arguments.fresh, on_progress=bar.show
+        )
+    if summary is not None:
+        print("\n".join(_remarks(summary)))
+    print(f"recording      {path}")
+    if arguments.web or not rerun.has_display():
+        rerun.show_in_browser(path, arguments.port, _print_address)
+        return 0
+    return rerun.show(path)
 
 
 def summary_lines(summary: "Summary") -> list[str]:
     """Return what was written, from what, and what was left out and why."""
     written = summary.written
     width = max(len(topic) for topic in written)
-    lines = [f"{_TABLE_INDENT}{topic:<{width}} {written[topic]:>8}" for topic in sorted(written)]
+    lines = [f"  {topic:<{width}} {written[topic]:>8}" for topic in sorted(written)]
     lines.append(
         f"{summary.converted.total()} messages of {len(summary.converted)} topics over "
         f"{summary.duration:.1f} s became {written.total()} of {len(written)}"
@@ -142,17 +137,6 @@ def _log_argument(parser: argparse.ArgumentParser) -> None:
 
 def _print_address(url: str) -> None:
     print(f"open           {url}\nCtrl-C ends it", flush=True)
-
-
-@contextmanager
-def _extra(name: str) -> Iterator[None]:
-    """Name the extra that brings a missing library."""
-    try:
-        yield
-    except ImportError as error:
-        raise LabError(
-            f"this needs {error.name}, which is not installed; {install_hint(name)}"
-        ) from error
 
 
 EXPORT_ACTION = Action(EXPORT, EXPORT_EXAMPLES, add_export_arguments, export)

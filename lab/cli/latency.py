@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from common.errors import ConfigError
 from common.links.config import ALIASES, LinkName, checked_spec
 from common.links.spec import PRESETS, LinkSpec
-from common.transport.config import bus_of, split_list
+from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.errors import LabError
 
@@ -73,12 +73,12 @@ def run(arguments: argparse.Namespace) -> int:
 def _set_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", help="command, camera, feedback, both, or [SERVICE:]TOPIC")
     parser.add_argument("spec", nargs="+", help="e.g. 250ms, or 'normal(122ms, 190ms)' loss=1%%")
-    _reach(parser)
+    add_bus_options(parser)
 
 
 def _clear_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", nargs="?", help="as for set; without it every link")
-    _reach(parser)
+    add_bus_options(parser)
 
 
 def _explain_options(parser: argparse.ArgumentParser) -> None:
@@ -87,26 +87,12 @@ def _explain_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--plot", type=Path, metavar="FILE.png", help="plot a histogram")
 
 
-def _reach(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
-    parser.add_argument("--base-port", type=int, help="of the system (7448, or TRILL_BASE_PORT)")
-    parser.add_argument("--robot", help="its name (draco3, or TRILL_ROBOT)")
-    parser.add_argument(
-        "--connect",
-        type=split_list,
-        metavar="ENDPOINT",
-        help="come in as a client of this router or service, e.g. tcp/192.0.2.7:7447",
-    )
-
-
 @contextlib.contextmanager
 def _session(arguments: argparse.Namespace) -> Iterator[tuple[Any, str]]:
     """Open a session on the bus of a running system; yields it with the robot's name."""
     from common.transport.session import open_session
 
-    bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-    if arguments.connect:
-        bus = bus.model_copy(update={"mode": "client", "connect": arguments.connect})
+    bus = chosen_bus(arguments)
     session: Any = open_session(bus, SESSION)
     try:
         yield session, bus.robot
@@ -223,7 +209,7 @@ COMMANDS = (
         Action(
             "List every input of every service with its delay, requested and achieved.",
             "",
-            _reach,
+            add_bus_options,
             _show,
         ),
     ),

@@ -6,8 +6,8 @@ from math import inf
 from pathlib import Path
 
 from common.errors import ConfigError
+from deploy.system import log_path
 from lab.cli.commands import Action
-from lab.logs.paths import log_path
 
 TEXT = """Show the latency breakdown of every message that a service read, from a log: the exact
 median and 99th percentile of each stage over all messages. Stages: capture (from capturing the

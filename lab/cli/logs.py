@@ -5,15 +5,11 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from common.errors import TrillError
-from deploy.system import RUNS, new_run_dir
+from deploy.system import RUNS, log_path, new_run_dir
+from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action
-from lab.logs.paths import log_path
-
-if TYPE_CHECKING:
-    from common.transport.config import BusConfig
 
 RECORD = """Record every message on the bus of a running system until Ctrl-C. Beside the robot no
 option is needed. From another machine --connect is enough: the recorder asks for the robot's name
@@ -56,25 +52,10 @@ MARK_EXAMPLES = """examples:
 """
 
 
-def _bus_arguments(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
-    parser.add_argument(
-        "--robot", help="robot's name (draco3, or TRILL_ROBOT; with --connect: the one found there)"
-    )
-    parser.add_argument(
-        "--base-port", type=int, help=f"port of the system {what} (7448, or TRILL_BASE_PORT)"
-    )
-    parser.add_argument(
-        "--connect",
-        metavar="ENDPOINT",
-        help="connect as a client, e.g. to tcp/robot:7447 (or TRILL_CONNECT)",
-    )
-
-
 def _record_arguments(parser: argparse.ArgumentParser) -> None:
     from services.logger.__main__ import add_recording_options
 
-    _bus_arguments(parser, "to record")
+    add_bus_options(parser)
     parser.add_argument("--out", type=Path, help="directory of the new log.mcap (runs/<time>/)")
     add_recording_options(parser)
 
@@ -83,13 +64,13 @@ def _record(arguments: argparse.Namespace) -> int:
     from services.logger.__main__ import settings_of
 
     # Check the options first, so that a wrong one leaves no empty directory.
-    _bus(arguments)
+    chosen_bus(arguments)
     settings_of(arguments, {})
     options = {
         "--config": arguments.config,
         "--robot": arguments.robot,
         "--base-port": arguments.base_port,
-        "--connect": arguments.connect,
+        "--connect": ",".join(arguments.connect or ()),
         "--mode": "client" if arguments.connect else None,
         "--out": arguments.out or new_run_dir(),
         "--compression": arguments.compression,
@@ -155,34 +136,15 @@ def _repair(arguments: argparse.Namespace) -> int:
 def _mark_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("action", choices=["start", "end", "discard"])
     parser.add_argument("--label", default="", help="task, condition or remark")
-    _bus_arguments(parser, "to mark")
+    add_bus_options(parser)
 
 
 def _mark(arguments: argparse.Namespace) -> int:
     from common.schemas import EpisodeAction
     from lab.logs.mark import mark
 
-    print(mark(_bus(arguments), EpisodeAction[arguments.action.upper()], arguments.label))
+    print(mark(chosen_bus(arguments), EpisodeAction[arguments.action.upper()], arguments.label))
     return 0
-
-
-def _bus(arguments: argparse.Namespace) -> "BusConfig":
-    """Return the bus: as a client if --connect is given, else as a part of the system.
-
-    Raises:
-        ConfigError: the file, an option or an environment variable is wrong.
-    """
-    from common.transport.config import bus_config, bus_of, split_list
-
-    bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-    if not arguments.connect:
-        return bus
-    given = {
-        "robot": arguments.robot,
-        "connect": split_list(arguments.connect),
-        "mode": "client",
-    }
-    return bus_config(bus.model_dump(exclude_unset=True), given)
 
 
 RECORD_ACTION = Action(RECORD, RECORD_EXAMPLES, _record_arguments, _record)

@@ -1,10 +1,9 @@
 """``trill``: the command line of the whole system."""
 
 import argparse
-import sys
 from collections.abc import Sequence
 
-from common.errors import ConfigError, TrillError
+from common.errors import TrillError, report
 from lab.cli.commands import Command, add_commands, run_chosen
 
 EPILOG = """Each command explains itself: trill demo --help. A run leaves its files in
@@ -47,11 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     add_commands(parser, COMMANDS, "command", "command")
     try:
         return run_chosen(parser.parse_args(argv), "command")
-    except ConfigError as error:
-        print(f"trill: {error}", file=sys.stderr)
-        return 2
     except TrillError as error:
-        print(f"trill: {error}", file=sys.stderr)
-        return 1
+        return report("trill", error)
     except KeyboardInterrupt:
         return 130

@@ -5,8 +5,10 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
+from common.transport.config import split_list
+from deploy.system import log_path
+from lab.cli.bus import add_config_option, add_connect_option, chosen_bus
 from lab.cli.commands import Action
-from lab.logs.paths import log_path
 
 TEXT = """Replay a log, in one of two ways.
 
@@ -96,7 +98,7 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
     play.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
     play.add_argument(
         "--topics",
-        type=_names,
+        type=split_list,
         default=(),
         metavar="NAMES",
         help="only these, separated by commas, e.g. camera/* (all)",
@@ -109,13 +111,8 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
         "on the bus",
     )
     play.add_argument("--base-port", type=int, help="port of the bus (7448, or TRILL_BASE_PORT)")
-    play.add_argument(
-        "--connect",
-        type=_names,
-        metavar="ENDPOINTS",
-        help="connect as a client instead, e.g. to tcp/192.0.2.7:7447",
-    )
-    play.add_argument("--config", type=Path, help="TOML file with the settings of all services")
+    add_connect_option(play)
+    add_config_option(play)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -129,7 +126,15 @@ def run(arguments: argparse.Namespace) -> int:
         _refuse_given(arguments, ("run", "tolerance", "settings", "out"), "needs --service")
         from lab.logs.playback import PlayOptions, play
 
-        return play(log_path(arguments.log), PlayOptions.from_arguments(arguments))
+        published = PlayOptions(
+            chosen_bus(arguments),
+            arguments.robot is not None,
+            arguments.speed,
+            arguments.loop,
+            (arguments.start, arguments.end),
+            arguments.topics,
+        )
+        return play(log_path(arguments.log), published)
     _refuse_given(arguments, ("loop", "topics", "robot", "connect"), "is for publishing only")
     from lab.logs.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
     from lab.logs.replay_report import check, show_runs
@@ -176,12 +181,6 @@ def _positive(text: str) -> float:
     if not 0.0 < value <= 1000.0:
         raise argparse.ArgumentTypeError(f"expected more than 0 and at most 1000, got {text}")
     return value
-
-
-def _names(text: str) -> tuple[str, ...]:
-    from common.transport.config import split_list
-
-    return split_list(text)
 
 
 ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

@@ -2,13 +2,12 @@
 
 import argparse
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from deploy.extras import require
-from deploy.process import Restart
 from deploy.system import SystemOptions
+from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
 
 if TYPE_CHECKING:
@@ -57,12 +56,6 @@ UP_EXAMPLES = """examples:
 """
 
 
-def bus_options(parser: argparse.ArgumentParser, port: str) -> None:
-    """Add the options that identify a system; ``port`` is the help of ``--base-port``."""
-    parser.add_argument("--config", type=Path, help="TOML file with the settings of all services")
-    parser.add_argument("--base-port", type=int, help=port)
-
-
 def _add_system_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--torque-mode",
@@ -81,7 +74,12 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
         help="seed of sensor noise, the task's start and the synthetic operator (default: the "
         "configuration's, else 0)",
     )
-    bus_options(parser, "first port of the system (default: a free block of ports is found)")
+    add_config_option(parser)
+    parser.add_argument(
+        "--base-port",
+        type=int,
+        help="first port of the system (default: a free block of ports is found)",
+    )
     parser.add_argument(
         "--latency",
         action="append",
@@ -113,7 +111,7 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _system_options(arguments: argparse.Namespace, restart: Restart) -> SystemOptions:
+def _system_options(arguments: argparse.Namespace, *, restart: bool) -> SystemOptions:
     from lab.trials.links import system_links
 
     task_links = {} if arguments.task is None else _links_of(arguments.task)
@@ -147,7 +145,7 @@ def _demo(arguments: argparse.Namespace) -> int:
 
     ended = run_demo(
         DemoOptions(
-            system=_system_options(arguments, Restart.NEVER),
+            system=_system_options(arguments, restart=False),
             script=arguments.script,
             seconds=arguments.seconds,
             timeout=arguments.timeout,
@@ -167,7 +165,7 @@ def _drive_arguments(parser: argparse.ArgumentParser) -> None:
 def _drive(arguments: argparse.Namespace) -> int:
     from lab.live.drive import run_drive
 
-    ended = run_drive(_system_options(arguments, Restart.ON_FAILURE), arguments.base_port)
+    ended = run_drive(_system_options(arguments, restart=True), arguments.base_port)
     return _finish(ended, arguments, pictures=True, video=arguments.video)
 
 
@@ -179,7 +177,7 @@ def _up_arguments(parser: argparse.ArgumentParser) -> None:
 def _up(arguments: argparse.Namespace) -> int:
     from lab.live.drive import run_up
 
-    ended = run_up(_system_options(arguments, Restart.ON_FAILURE), arguments.base_port)
+    ended = run_up(_system_options(arguments, restart=True), arguments.base_port)
     if arguments.no_record:
         print(f"{ended.verdict.outcome}: {ended.verdict.reason}; output in {ended.run_dir}")
         return int(ended.verdict.outcome != "completed")

@@ -2,8 +2,8 @@
 
 import argparse
 
+from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action
-from lab.cli.system import bus_options
 
 TEXT = """Show the live table of a running system, from any terminal and any number of times: the
 controller's state and the plant's guard; which services run, and the timing of their loops;
@@ -21,8 +21,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill top``."""
-    bus_options(parser, "of the system to watch (7448, or TRILL_BASE_PORT)")
-    parser.add_argument("--robot", help="its name (draco3, or TRILL_ROBOT)")
+    add_bus_options(parser, client=False)
     part = parser.add_mutually_exclusive_group()
     part.add_argument("--topics", action="store_true", help="show nothing but all topics")
     part.add_argument(
@@ -32,11 +31,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Show the table until Ctrl-C; returns 0."""
-    from common.transport.config import bus_of
     from lab.monitor.monitor import watch
     from lab.monitor.table import Content
 
-    bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
+    bus = chosen_bus(arguments)
     content = (
         Content.TOPICS if arguments.topics else Content.LEDGER if arguments.ledger else Content.ALL
     )

@@ -1,11 +1,12 @@
 """Run the whole system with a scripted or synthetic operator until script or task is over."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from deploy.launch import RunResult, Verdict, running_system
-from deploy.process import Exit
-from deploy.system import OPERATOR, SystemOptions, scripted_operator, synthetic_operator
-from lab.live.loop import Exits, show_until_verdict
+from deploy.process import Exit, ProcessSpec
+from deploy.system import OPERATOR, SystemOptions, operator_process
+from lab.live.loop import show_until_verdict
 from lab.live.task_judge import TaskJudge
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import monitored
@@ -51,7 +52,7 @@ class ScriptJudge:
         self._fell_at: float | None = None
         self._began_at: float | None = None
 
-    def verdict(self, elapsed: float, view: Snapshot, exits: Exits) -> Verdict | None:
+    def verdict(self, elapsed: float, view: Snapshot, exits: Sequence[Exit]) -> Verdict | None:
         """Return the verdict, or None while the run goes on; ``elapsed`` since the start [s]."""
         if self._began_at is None and view.control is not None:
             self._began_at = elapsed
@@ -61,8 +62,8 @@ class ScriptJudge:
             # A script that fails now does so because the robot fell.
             over = elapsed >= self._fell_at + FALL_AFTERMATH
             return Verdict("fell", self._step(view)) if over else None
-        for ended, essential in exits:
-            if ended.restarted or not essential:
+        for ended in exits:
+            if ended.restarted or not ended.essential:
                 continue
             if ended.name == self._operator:
                 return self._operator_ended(ended, view)
@@ -101,13 +102,7 @@ def run_demo(options: DemoOptions) -> RunResult:
         DeployError: the system cannot be started.
         BusError: the live table cannot reach the bus.
     """
-    task, judge = options.system.task, _judge(options)
-    if isinstance(judge, TaskJudge) and task is not None:
-        operator = synthetic_operator(task, options.system.seed or 0)
-    else:
-        script = options.script or DEMONSTRATION
-        script_named(script, ScriptOptions())
-        operator = scripted_operator(script)
+    operator, judge = _operator_and_judge(options)
     verdict = Verdict("interrupted", "stopped by Ctrl-C or a signal")
     with (
         running_system(options.system, options.base_port, [operator]) as running,
@@ -119,7 +114,17 @@ def run_demo(options: DemoOptions) -> RunResult:
     return RunResult(running.run_dir, verdict)
 
 
-def _judge(options: DemoOptions) -> ScriptJudge | TaskJudge:
-    by_task = options.system.task is not None and options.script is None
-    kind = TaskJudge if by_task else ScriptJudge
-    return kind(OPERATOR, options.seconds, options.timeout)
+def _operator_and_judge(options: DemoOptions) -> tuple[ProcessSpec, ScriptJudge | TaskJudge]:
+    """Return the operator to start, and the judge of its run.
+
+    Raises:
+        ConfigError: there is no such script.
+    """
+    task, limits = options.system.task, (OPERATOR, options.seconds, options.timeout)
+    if task is not None and options.script is None:
+        seed = str(options.system.seed or 0)
+        operator = operator_process("synthetic", "--task", task, "--seed", seed, "--stay")
+        return operator, TaskJudge(*limits)
+    script = options.script or DEMONSTRATION
+    script_named(script, ScriptOptions())
+    return operator_process("scripted", "--script", script), ScriptJudge(*limits)

@@ -3,7 +3,7 @@
 import time
 
 from deploy.launch import RunResult, Verdict, running_system
-from deploy.system import SystemOptions, keyboard_operator, terminal
+from deploy.system import SystemOptions, operator_process, terminal
 from lab.errors import LabError
 from lab.live.loop import essential_exit, show_until_verdict
 from lab.live.new_trials import TrialStarter
@@ -23,11 +23,10 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> RunResult
             "`trill demo`, which needs none"
         )
     verdict = Verdict("completed", "left by Ctrl-C")
-    with running_system(options, base_port, [keyboard_operator()]) as running:
-        supervisor = running.supervisor
+    keyboard = operator_process("keyboard", foreground=True)
+    with running_system(options, base_port, [keyboard]) as running:
         while True:
-            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
-            if over := essential_exit(exits):
+            if over := essential_exit(running.supervisor.poll()):
                 verdict = over
                 break
             time.sleep(POLL_PERIOD)

@@ -8,9 +8,7 @@ from deploy.process import Exit
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import POLL_PERIOD, BusMonitor, Screen
 
-Exits = Sequence[tuple[Exit, bool]]
-"""Processes that ended since the last poll, each with whether it was essential."""
-Judge = Callable[[float, Snapshot, Exits], Verdict | None]
+Judge = Callable[[float, Snapshot, Sequence[Exit]], Verdict | None]
 """Returns the verdict, or None to go on: from time since the start [s], bus and exits."""
 
 
@@ -23,15 +21,10 @@ def show_until_verdict(
     on_snapshot: Callable[[Snapshot], str] = lambda _view: "",
     live: bool | None = None,
 ) -> Verdict:
-    """Poll bus and processes and show them until ``judge`` has a verdict.
+    """Show bus and processes, under the name ``command``, until ``judge`` has a verdict.
 
-    Args:
-        running: the system.
-        monitor: of its bus.
-        command: name for the title, for instance ``trill demo``.
-        judge: decides when it is over.
-        on_snapshot: called with every snapshot; a text that it returns is printed.
-        live: force (or forbid) the live table; None decides by the terminal.
+    ``on_snapshot`` is called with every snapshot, and a text that it returns is printed. ``live``
+    forces (or forbids) the live table; None decides by the terminal.
     """
     supervisor, started = running.supervisor, time.monotonic()
     with Screen(f"{command}  {running.title}", live=live) as screen:
@@ -41,8 +34,8 @@ def show_until_verdict(
             screen.show(view)
             if text := on_snapshot(view):
                 screen.say(text)
-            exits = [(ended, supervisor.spec(ended.name).essential) for ended in supervisor.poll()]
-            for ended, _ in exits:
+            exits = supervisor.poll()
+            for ended in exits:
                 if not ended.expected:
                     screen.say(ended.describe())
             verdict = judge(time.monotonic() - started, view, exits)
@@ -51,10 +44,10 @@ def show_until_verdict(
             time.sleep(POLL_PERIOD)
 
 
-def essential_exit(exits: Exits) -> Verdict | None:
+def essential_exit(exits: Sequence[Exit]) -> Verdict | None:
     """Return the verdict on the first essential process that ended for good; None without one."""
-    for ended, essential in exits:
-        if essential and not ended.restarted:
+    for ended in exits:
+        if ended.essential and not ended.restarted:
             if ended.expected:
                 return Verdict("completed")
             return Verdict("service died", ended.describe())

@@ -1,10 +1,11 @@
 """Decide when the live run of a scored task is over and why. Pure."""
 
+from collections.abc import Sequence
 from typing import Final
 
 from common.schemas import TaskStatus, TaskVerdict
 from deploy.launch import Outcome, Verdict
-from lab.live.loop import Exits
+from deploy.process import Exit
 from lab.monitor.bus_stats import Snapshot
 
 AFTERMATH: Final = 1.5
@@ -34,15 +35,15 @@ class TaskJudge:
         self._operator_ended_at: float | None = None
         self._operator_end = ""
 
-    def verdict(self, elapsed: float, view: Snapshot, exits: Exits) -> Verdict | None:
+    def verdict(self, elapsed: float, view: Snapshot, exits: Sequence[Exit]) -> Verdict | None:
         """Return the verdict, or None while the run goes on; ``elapsed`` since the start [s]."""
         if self._began_at is None and view.control is not None:
             self._began_at = elapsed
-        for ended, essential in exits:
+        for ended in exits:
             if ended.name == self._operator:
                 reason = "the operator ended" if ended.expected else ended.describe()
                 self._operator_ended(elapsed, reason)
-            elif essential and not ended.restarted:
+            elif ended.essential and not ended.restarted:
                 return Verdict("service died", ended.describe())
         task, operator = view.task, view.operator
         if task is not None and task.verdict is not TaskVerdict.RUNNING:

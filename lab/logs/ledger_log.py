@@ -27,13 +27,9 @@ _UNUSED = (InputOutcome.STALE, InputOutcome.LATE, InputOutcome.REFUSED, InputOut
 
 @dataclass(frozen=True)
 class LedgerTable:
-    """Latency breakdown of a log.
+    """Rows for every input and every injected delay of a log, and of a span of it.
 
-    Attributes:
-        inputs: a row for every input of every service.
-        links: a row for every injected delay.
-        seconds: length of the log, or of the span [s].
-        unreadable: number of messages that could not be used.
+    ``seconds`` is the length of the span, ``unreadable`` the number of unusable messages.
     """
 
     inputs: tuple[LedgerRow, ...]
@@ -45,10 +41,7 @@ class LedgerTable:
 def ledger_table(log: LogReader, begin: float = 0.0, end: float = inf) -> LedgerTable:
     """Compute the latency breakdown of a log.
 
-    Args:
-        log: the log, which is read through.
-        begin: start of the span, since the log's first message [s].
-        end: end of the span [s].
+    It covers the span from ``begin`` to ``end``, since the first message [s].
 
     Raises:
         LoggerError: the log cannot be read.

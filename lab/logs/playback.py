@@ -4,19 +4,18 @@ A recorded command must never reach a live robot. Therefore everything is publis
 robot's name, and only while no other publisher of that name is heard on the bus.
 """
 
-import argparse
 import fnmatch
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import zenoh
 
 from common.errors import ConfigError
 from common.topics import ALL_TOPICS, Priority
-from common.transport.config import BusConfig, bus_of
+from common.transport.config import BusConfig
 from common.transport.publisher import PRIORITIES
 from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
@@ -55,28 +54,11 @@ class PlayOptions:
     window: tuple[float, float] = (0.0, float("inf"))
     topics: tuple[str, ...] = ()
 
-    @classmethod
-    def from_arguments(cls, arguments: argparse.Namespace) -> Self:
-        """Convert the options of ``trill replay``.
-
-        Raises:
-            ConfigError: a name, port or pattern is wrong.
-        """
-        bus = bus_of(arguments.base_port, arguments.config, arguments.robot)
-        if arguments.connect:
-            bus = bus.model_copy(update={"mode": "client", "connect": arguments.connect})
-        for pattern in arguments.topics:
+    def __post_init__(self) -> None:
+        for pattern in self.topics:
             if not any(fnmatch.fnmatchcase(topic.name, pattern) for topic in ALL_TOPICS):
                 names = ", ".join(topic.name for topic in ALL_TOPICS)
                 raise ConfigError(f"--topics: no topic matches {pattern!r}; there are {names}")
-        return cls(
-            bus,
-            arguments.robot is not None,
-            arguments.speed,
-            arguments.loop,
-            (arguments.start, arguments.end),
-            arguments.topics,
-        )
 
 
 @dataclass(frozen=True)

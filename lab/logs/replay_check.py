@@ -90,11 +90,9 @@ def runs_in(path: Path) -> list[ServiceRun]:
 
 
 def build(run: ServiceRun, settings: Mapping[str, Any] | None = None) -> Service:
-    """Build the service of a run from its recorded settings.
+    """Build the service of a run, one of :func:`runs_in`, from its recorded settings.
 
-    Args:
-        run: one of :func:`runs_in`.
-        settings: override the recorded ones.
+    ``settings`` override them.
 
     Raises:
         ConfigError: the run cannot be replayed, or the settings do not fit this version of the

@@ -34,11 +34,7 @@ POLL_PERIOD = 0.05
 
 
 class BusMonitor:
-    """Subscribes to every topic of a bus and keeps statistics.
-
-    Attributes:
-        session: the Zenoh session.
-    """
+    """Subscribes to every topic of a bus on ``session`` and keeps statistics."""
 
     def __init__(self, session: Any, robot: str) -> None:
         """Subscribe on ``session`` to the topics of ``robot``."""

@@ -18,13 +18,7 @@ _COLOURS = ("#d66030", "#3c8c3c", "#8c3ca0")
 
 @dataclass(frozen=True)
 class Panel:
-    """One histogram.
-
-    Attributes:
-        title: a line above it.
-        delays: [s].
-        marks: named vertical lines, e.g. the requested mean [s].
-    """
+    """One histogram of delays [s], with named vertical lines, e.g. the requested mean [s]."""
 
     title: str
     delays: Sequence[float]

@@ -19,11 +19,7 @@ GRID_COLOUR = "#dededa"
 
 
 def new_figure(width: int, height: int) -> "Figure":
-    """Create an empty figure that lays its axes out by itself.
-
-    Args:
-        width: [pixels].
-        height: [pixels].
+    """Create an empty figure of ``width`` x ``height`` pixels that lays its axes out by itself.
 
     Raises:
         ConfigError: Matplotlib is not installed.

@@ -51,14 +51,10 @@ def task_contact_sheet(
     on_progress: OnProgress,
     camera: FollowCamera | View | None = None,
 ) -> Image:
-    """Draw the moments of a task; the last row shows the left camera's images.
+    """Draw the moments of a task under a ``title``; the last row shows the left camera's images.
 
-    Args:
-        timeline: of a run with a task.
-        title: line above the pictures.
-        left_camera: images of the robot's left camera.
-        on_progress: called after each picture from outside.
-        camera: of the pictures from outside; see :func:`lab.review.tiles.render_scene`.
+    The other pictures are from outside, by ``camera`` as in :func:`lab.review.tiles.render_scene`;
+    ``on_progress`` is called after each.
 
     Raises:
         RenderingUnavailableError: off-screen OpenGL is not available.

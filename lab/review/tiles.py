@@ -17,15 +17,10 @@ def render_scene(
     *,
     fast: bool = False,
 ) -> Iterator[Image]:
-    """Render ground truths in their scene.
+    """Render the ground truths at ``indices``, in order of time, in ``width`` x ``height`` pixels.
 
-    Args:
-        timeline: of the run.
-        indices: of the ground truths, in order of time.
-        width: [pixels].
-        height: [pixels].
-        camera: None for the one that shows the run's task best.
-        fast: see :func:`services.sim.rendering.render.render_states`.
+    Without a ``camera`` the one is used that shows the run's task best. For ``fast`` see
+    :func:`services.sim.rendering.render.render_states`.
 
     Raises:
         RenderingUnavailableError: off-screen OpenGL is not available.
@@ -50,15 +45,10 @@ def moment_tiles(
     seconds: Callable[[int], float],
     on_progress: OnProgress,
 ) -> list[Image]:
-    """Render one tile per moment, captioned with its time and label.
+    """Render one tile per moment, captioned with its label and the time that ``seconds`` gives [s].
 
-    Args:
-        timeline: of the run.
-        moments: in order of time.
-        size: width and height of a tile [pixels].
-        camera: see :func:`render_scene`.
-        seconds: time shown for an index [s].
-        on_progress: called after each tile.
+    The moments are in order of time and ``size`` is width and height [pixels]; for ``camera`` see
+    :func:`render_scene`. ``on_progress`` is called after each tile.
 
     Raises:
         RenderingUnavailableError: off-screen OpenGL is not available.

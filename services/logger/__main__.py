@@ -7,17 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from common.errors import ConfigError, TrillError, explain
+from common.errors import ConfigError, TrillError, report
 from common.runtime.live.main import argument_parser, load_settings
 from common.runtime.live.realtime import enter_realtime
 from common.runtime.live.stopping import StopSignals
+from common.tables import validated
 from common.transport.config import split_list
 from services.logger.errors import LoggerError
 from services.logger.read.delivery import format_report
 from services.logger.record.config import LoggerConfig
-from services.logger.record.service import LoggerService, RecordingOptions, record
+from services.logger.record.service import NAME, RecordingOptions, record
 from services.logger.record.units import parse_duration, parse_size
 
 FILE_NAME = "log.mcap"
@@ -28,7 +27,7 @@ PRIORITY = 1
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
     result = argument_parser(
-        LoggerService.name,
+        NAME,
         "Record every message on the robot's bus to an MCAP file, byte by byte as it was sent, "
         "until Ctrl-C. Prints how many messages of each topic were sent, recorded, lost on the way "
         "and dropped. A killed logger loses less than a second; the file stays readable, and "
@@ -75,7 +74,6 @@ def add_recording_options(to: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--observer",
-        "--quiet",
         action="store_true",
         help="publish nothing at all, not even the logger's health; always so for a client",
     )
@@ -100,10 +98,7 @@ def settings_of(arguments: argparse.Namespace, table: dict[str, Any]) -> LoggerC
     settings = table | {name: value for name, value in given.items() if value is not None}
     if arguments.no_cameras:
         settings["exclude"] = (*settings.get("exclude", ()), "camera/**")
-    try:
-        return LoggerConfig.model_validate(settings)
-    except ValidationError as error:
-        raise ConfigError(f"the logger's configuration is wrong: {explain(error)}") from error
+    return validated(LoggerConfig, settings)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -112,7 +107,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     stop = StopSignals().install()
     try:
-        bus, _, runtime, table = load_settings(arguments, LoggerService.name)
+        bus, _, runtime, table = load_settings(arguments, NAME)
         config = settings_of(arguments, table)
         is_client = bus.mode == "client"
         options = RecordingOptions(
@@ -124,14 +119,10 @@ def main(argv: Sequence[str] | None = None) -> int:
             live=sys.stderr.isatty(),
             realtime=enter_realtime(runtime.rt_priority),
         )
-        report = record(options, lambda: stop.requested)
-    except ConfigError as error:
-        print(f"logger: {error}", file=sys.stderr)
-        return 2
+        delivered = record(options, lambda: stop.requested)
     except TrillError as error:
-        print(f"logger: {error}", file=sys.stderr)
-        return 1
-    print(format_report(report))
+        return report("logger", error)
+    print(format_report(delivered))
     return 0
 
 

@@ -5,7 +5,8 @@ from argparse import SUPPRESS, ArgumentParser, Namespace
 
 from common.plant.config import TorqueMode
 from common.runtime.live.main import run_live
-from services.sim.config import TYPICAL_NOISE, SimConfig, validated
+from common.tables import validated
+from services.sim.config import TYPICAL_NOISE, SimConfig
 from services.sim.scenes import SCENES
 from services.sim.service import PlantService
 from services.sim.tasks import all_tasks

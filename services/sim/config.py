@@ -1,11 +1,9 @@
 """Configuration of the simulated plant."""
 
-from collections.abc import Mapping
-from typing import Any, Self, TypeVar
+from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from common.errors import ConfigError, explain
 from common.plant.config import PHYSICS_RATE, GuardConfig, TorqueMode
 
 DEFAULT_COM_HEIGHT: dict[TorqueMode, float] = {TorqueMode.RELAXED: 0.70, TorqueMode.RATED: 0.73}
@@ -93,23 +91,3 @@ class SimConfig(_Config):
     def standing_com_height(self) -> float:
         """CoM height of the initial pose above the soles [m]."""
         return DEFAULT_COM_HEIGHT[self.torque_mode] if self.com_height is None else self.com_height
-
-
-C = TypeVar("C", bound=BaseModel)
-
-
-def validated(schema: type[C], *tables: Mapping[str, Any]) -> C:
-    """Return the configuration ``schema`` from ``tables``, later ones over earlier ones.
-
-    Raises:
-        ConfigError: a value is unknown or out of range; the message names it.
-    """
-    merged: dict[str, Any] = {}
-    for table in tables:
-        merged.update(table)
-    try:
-        return schema.model_validate(merged)
-    except ValidationError as error:
-        raise ConfigError(
-            f"the configuration of {schema.__name__} is wrong: {explain(error)}"
-        ) from error

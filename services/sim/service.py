@@ -10,6 +10,7 @@ import numpy as np
 from common.plant.config import PHYSICS_RATE, PHYSICS_STEP_NS
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import Header, PlantAction, PlantRequest, PlantStatus, TaskVerdict
+from common.tables import validated
 from common.topics import (
     ESTOP,
     PLANT_REQUEST,
@@ -21,7 +22,7 @@ from common.topics import (
     WBC_COMMAND,
     Topic,
 )
-from services.sim.config import SimConfig, validated
+from services.sim.config import SimConfig
 from services.sim.errors import PlantDivergedError
 from services.sim.physics.pace import Pace, RateTimer
 from services.sim.physics.plant import Plant

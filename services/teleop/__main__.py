@@ -7,11 +7,11 @@ from collections.abc import Callable
 from types import FrameType
 from typing import TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
-from common.errors import ConfigError, explain
 from common.runtime.live.main import OptionFormatter, run_live
 from common.schemas import Gait
+from common.tables import validated
 from services.teleop.keyboard.console import KeyboardConfig
 from services.teleop.keyboard.screen import help_lines
 from services.teleop.keyboard.service import KeyboardOperator
@@ -141,22 +141,13 @@ def _seconds(text: str) -> float:
     return value
 
 
-def _settings(model: type[M], arguments: argparse.Namespace, table: str) -> M:
-    try:
-        return model.model_validate(arguments.settings)
-    except ValidationError as error:
-        raise ConfigError(
-            f"the [{table}] table of the configuration is wrong: {explain(error)}"
-        ) from error
-
-
 def build_scripted(arguments: argparse.Namespace) -> ScriptedOperator:
     """Build the scripted operator; its table in the configuration file is ``[teleop]``.
 
     Raises:
         ConfigError: the table is wrong, or the script cannot be read.
     """
-    config = _settings(ScriptedConfig, arguments, "teleop")
+    config = validated(ScriptedConfig, arguments.settings)
     gait = Gait[arguments.gait.upper()]
     options = ScriptOptions(gait, arguments.count, arguments.seed, arguments.seconds)
     return ScriptedOperator(script_named(arguments.script, options), config)
@@ -172,7 +163,7 @@ def build_synthetic(arguments: argparse.Namespace) -> SyntheticOperator:
     given["traits"] = TRAITS[arguments.traits].model_dump() if arguments.traits else None
     options = {name: value for name, value in given.items() if value is not None}
     arguments.settings = {**arguments.settings, **options}
-    return SyntheticOperator(_settings(SyntheticConfig, arguments, "teleop"))
+    return SyntheticOperator(validated(SyntheticConfig, arguments.settings))
 
 
 def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:
@@ -182,7 +173,7 @@ def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:
         ConfigError: the table is wrong.
         TerminalError: this process has no terminal.
     """
-    return KeyboardOperator(Terminal(), _settings(KeyboardConfig, arguments, "keyboard"))
+    return KeyboardOperator(Terminal(), validated(KeyboardConfig, arguments.settings))
 
 
 def _stop_on_hangup() -> None:

@@ -5,9 +5,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from pydantic import ValidationError
 
-from common.errors import ConfigError, explain
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     ControllerState,
@@ -18,6 +16,7 @@ from common.schemas import (
     JointCommand,
     PlantState,
 )
+from common.tables import validated
 from common.topics import (
     PLANT_STATE,
     TELEOP_GAIT,
@@ -63,10 +62,7 @@ class WbcService(Service):
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Build the controller for a replay; it dumps no QPs."""
-        try:
-            return cls(WbcConfig.model_validate({**settings, "qp_dump_dir": ""}))
-        except ValidationError as error:
-            raise ConfigError(f"the controller's settings are wrong: {explain(error)}") from error
+        return cls(validated(WbcConfig, settings, {"qp_dump_dir": ""}))
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Run one control tick; without a newer state only gait requests are answered."""

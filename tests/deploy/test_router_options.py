@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from common.ports import ROUTER_OFFSET
-from common.transport.config import BusConfig
+from common.transport.config import BusConfig, bus_of
 from deploy.router import describe, parser, router_config
 from tests.common.transport.support import free_base_port
 
@@ -74,10 +74,10 @@ def test_where_it_listens_and_whom_it_connects_to() -> None:
         "tcp/127.0.0.1:7447",
     ]
     given = parser().parse_args(["--listen", "tcp/0.0.0.0:1", "--connect", "tcp/a:2,tcp/b:3"])
-    bus = BusConfig(mode="client", listen=("tcp/e:4",), connect=("tcp/f:5",))
-    config = router_config(bus, given.listen, given.connect)
+    config = router_config(bus_of(**vars(given)))
     assert (config.mode, config.listen) == ("router", ("tcp/0.0.0.0:1",))
     assert config.connect == ("tcp/a:2", "tcp/b:3")
+    bus = BusConfig(mode="client", listen=("tcp/e:4",), connect=("tcp/f:5",))
     assert router_config(bus).listen_endpoints("router") == ["tcp/e:4"]
     assert router_config(bus).connect_endpoints("router") == ["tcp/f:5"]
 

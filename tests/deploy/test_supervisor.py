@@ -13,7 +13,7 @@ import pytest
 
 from deploy import supervisor as supervisor_module
 from deploy.errors import DeployError
-from deploy.process import Exit, ProcessSpec, Restart, describe_code, tail
+from deploy.process import Exit, ProcessSpec, describe_code, tail
 from deploy.supervisor import SignalEscalation, Supervisor
 
 QUICK = SignalEscalation(interrupt=0.5, terminate=0.5, kill=2.0)
@@ -143,9 +143,7 @@ def test_a_process_that_may_finish_is_expected_to(
 def test_restarts_after_a_failure_up_to_the_limit(
     module: Callable[[str, str], str], tmp_path: Path
 ) -> None:
-    spec = ProcessSpec(
-        "again", module("fake_f", FAILING), restart=Restart.ON_FAILURE, max_restarts=2
-    )
+    spec = ProcessSpec("again", module("fake_f", FAILING), restart=True, max_restarts=2)
     ends: list[Exit] = []
     with Supervisor([spec], tmp_path / "logs") as supervisor:
         while not ends or ends[-1].restarted:
@@ -174,7 +172,7 @@ def spared(module: Callable[[str, str], str], **options: Any) -> ProcessSpec:
     """A process whose import takes 1.5 s and that wants a spare."""
     slow = module("fake_slow", SLOW)
     name = module("fake_spared", SPARED.format(slow=slow))
-    return ProcessSpec("s", name, ("arg",), Restart.ON_FAILURE, spare=True, **options)
+    return ProcessSpec("s", name, ("arg",), restart=True, spare=True, **options)
 
 
 def lines_of(supervisor: Supervisor, word: str) -> list[str]:

@@ -109,12 +109,7 @@ class ClockSync(Component):
     def __init__(
         self, clock: Callable[[], int] = time.monotonic_ns, identity: bytes | None = None
     ) -> None:
-        """Prepare.
-
-        Args:
-            clock: the clock that stamps messages here [ns].
-            identity: of that clock; None: the system's monotonic clock.
-        """
+        """Stamp by ``clock`` [ns], called ``identity``; None: the system's monotonic clock."""
         self._clock = clock
         self._identity = identity or clock_identity()
         self._peers: dict[tuple[str, int], _Peer] = {}

@@ -3,9 +3,8 @@
 import os
 import time
 from collections import deque
+from typing import Any
 
-from common.inbox.inbox import Inbox
-from common.runtime.service import Service
 from common.schemas import ServiceHealth
 
 _WINDOW_S = 2.0
@@ -20,16 +19,12 @@ class LoopStats:
         misses: steps that missed their deadline.
     """
 
-    def __init__(self, service: Service, realtime: str) -> None:
-        """Start at zero.
-
-        Args:
-            service: whose loop it is.
-            realtime: the scheduling in force, in words.
-        """
+    def __init__(self, service: str, period_ns: int, realtime: str) -> None:
+        """Start at zero for the loop of ``service``; ``realtime`` is the scheduling in force."""
         self._service = service
+        self._period_ns = period_ns
         self._realtime = realtime
-        kept = round(_WINDOW_S * 1e9 / service.period_ns)
+        kept = round(_WINDOW_S * 1e9 / period_ns)
         self._durations: deque[int] = deque(maxlen=max(1, min(kept, _MAX_KEPT)))
         self.steps = 0
         self.misses = 0
@@ -42,23 +37,23 @@ class LoopStats:
         self.misses += missed
         self._durations.append(duration_ns)
 
-    def health(self, inbox: Inbox) -> ServiceHealth:
-        """Return the health message; its share of CPU is since the previous call."""
+    def health(self, **more: Any) -> ServiceHealth:
+        """Return the health message with ``more`` fields; the CPU is since the previous call."""
         wall, cpu = time.monotonic(), time.process_time()
         share = (cpu - self._cpu) / max(wall - self._wall, 1e-3)
         self._wall, self._cpu = wall, cpu
         ordered = sorted(self._durations)
         return ServiceHealth(
-            service=self._service.name,
+            service=self._service,
             pid=os.getpid(),
-            period=1e-9 * self._service.period_ns,
+            period=1e-9 * self._period_ns,
             steps=self.steps,
             deadline_misses=self.misses,
             step_median=1e-9 * _quantile(ordered, 0.5),
             step_p99=1e-9 * _quantile(ordered, 0.99),
             cpu=max(0.0, share),
             realtime=self._realtime,
-            links=inbox.link_health(),
+            **more,
         )
 
 

@@ -17,21 +17,19 @@ service's factory as ``arguments.settings``.
 import argparse
 import logging
 import os
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from common.errors import ConfigError, TrillError, explain
+from common.errors import TrillError, report
 from common.links.config import Links, parse_link_options
-from common.ports import DEFAULT_BASE_PORT
 from common.runtime.live.config import RuntimeConfig
 from common.runtime.live.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.runtime.live.runner import LiveRunner
 from common.runtime.service import Service
-from common.transport.config import BusConfig, bus_config, read_config_file, split_list
+from common.tables import validated
+from common.transport.config import BusConfig, bus_config, read_config_file
+from common.transport.options import add_bus_options
 
 ServiceFactory = Callable[[argparse.Namespace], Service]
 """Builds a service from its parsed arguments (``arguments.settings``: its table in the file)."""
@@ -69,7 +67,15 @@ def argument_parser(
         formatter_class=OptionFormatter,
     )
     group = parser.add_argument_group("bus and runtime")
-    _add_bus_options(group)
+    add_bus_options(group)
+    group.add_argument("--robot", help="first part of every key (default: draco3) [TRILL_ROBOT]")
+    group.add_argument(
+        "--mode",
+        choices=["peer", "client", "router"],
+        help="peer (default): connects to the other services directly; client: reaches them "
+        "through a router, for instance across a firewall; router: passes on for clients "
+        "[TRILL_MODE]",
+    )
     if delayable:
         group.add_argument(
             "--link",
@@ -86,37 +92,6 @@ def argument_parser(
     group.add_argument("--rt-priority", type=int, help=priority)
     parser.set_defaults(rt_priority=0 if background else None)
     return parser
-
-
-def _add_bus_options(group: argparse._ArgumentGroup) -> None:
-    """Add the options that say how to reach the bus."""
-    group.add_argument(
-        "--config", type=Path, help="TOML file with the settings of all services [TRILL_CONFIG]"
-    )
-    group.add_argument("--robot", help="first part of every key (default: draco3) [TRILL_ROBOT]")
-    group.add_argument(
-        "--mode",
-        choices=["peer", "client", "router"],
-        help="peer (default): connects to the other services directly; client: reaches them "
-        "through a router, for instance across a firewall; router: passes on for clients "
-        "[TRILL_MODE]",
-    )
-    group.add_argument("--host", help="address of the port table (default: 127.0.0.1) [TRILL_HOST]")
-    group.add_argument(
-        "--base-port",
-        type=int,
-        help=f"first port of the table (default: {DEFAULT_BASE_PORT}) [TRILL_BASE_PORT]",
-    )
-    group.add_argument(
-        "--connect",
-        type=split_list,
-        help="endpoints, by commas (default: those of the port table) [TRILL_CONNECT]",
-    )
-    group.add_argument(
-        "--listen",
-        type=split_list,
-        help="endpoints, by commas (default: its own in the port table) [TRILL_LISTEN]",
-    )
 
 
 def load_settings(
@@ -152,10 +127,7 @@ def load_settings(
         priority = arguments.rt_priority
     if priority is not None:
         runtime_values["rt_priority"] = priority
-    try:
-        runtime = RuntimeConfig.model_validate(runtime_values)
-    except ValidationError as error:
-        raise ConfigError(f"the runtime configuration is wrong: {explain(error)}") from error
+    runtime = validated(RuntimeConfig, runtime_values, what="the runtime configuration")
     return bus, links, runtime, tables.get(name, {})
 
 
@@ -192,10 +164,6 @@ def run_live(
         # Before anything starts threads, so that the transport's threads inherit it.
         realtime = enter_realtime(runtime.rt_priority)
         service = service_factory(arguments)
-    except ConfigError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 2
     except TrillError as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return 1
+        return report(name, error)
     return LiveRunner(service, bus, links=links, runtime=runtime, realtime=realtime).run()

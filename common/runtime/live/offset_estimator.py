@@ -56,12 +56,7 @@ class OffsetEstimator:
     """
 
     def __init__(self, max_drift: float = MAX_DRIFT, window: int = WINDOW) -> None:
-        """Start without an exchange.
-
-        Args:
-            max_drift: how fast the clocks may drift apart [s/s].
-            window: exchanges to remember.
-        """
+        """Keep ``window`` exchanges of clocks that drift apart by at most ``max_drift`` [s/s]."""
         self.steps = 0
         """Times the other clock (or this one) was found to have been set."""
         self._max_drift = max_drift

@@ -41,11 +41,8 @@ class TriggerPace:
     def __init__(self, period_ns: int, interval_ns: int, start_ns: int) -> None:
         """Start unlocked: the first arrival starts a step.
 
-        Args:
-            period_ns: nominal time between steps.
-            interval_ns: nominal time between arrivals; half of it, but no more than half a
-                period, is the tolerance for early ones.
-            start_ns: now.
+        Steps have the nominal ``period_ns``, arrivals ``interval_ns``. Half of the latter, but no
+        more than half a period, is the tolerance for early ones.
         """
         self._period = period_ns
         self._tolerance = min(interval_ns, period_ns) // 2

@@ -14,11 +14,7 @@ _log = logging.getLogger(__name__)
 
 
 class PublisherSet:
-    """One publisher for each topic that a service and its runner write.
-
-    Attributes:
-        boot: random id of this run of the service.
-    """
+    """One publisher for each topic that a service and its runner write."""
 
     def __init__(
         self,
@@ -30,17 +26,7 @@ class PublisherSet:
         writes: Iterable[Topic[Any]],
         own: Iterable[Topic[Any]],
     ) -> None:
-        """Declare the publishers.
-
-        Args:
-            session: an open Zenoh session.
-            robot: first part of every key.
-            service: name of the service.
-            boot: random id of this run of it.
-            writes: topics of the service.
-            own: topics of its runner.
-        """
-        self.boot = boot
+        """Declare publishers for ``writes``, the service's topics, and ``own``, its runner's."""
         self._service = service
         self._writes = frozenset(topic.name for topic in writes)
         self._publishers: dict[str, Publisher[Any]] = {

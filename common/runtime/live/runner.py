@@ -53,14 +53,10 @@ class LiveRunner:
         runtime: RuntimeConfig | None = None,
         realtime: str = "normal",
     ) -> None:
-        """Prepare; nothing is opened yet.
+        """Prepare to run ``service``; nothing is opened yet.
 
-        Args:
-            service: what to run.
-            bus: how to reach the bus.
-            links: delays to inject on its inputs.
-            runtime: pacing options.
-            realtime: the scheduling in force, for the health message.
+        ``links`` are the delays to inject on its inputs; ``realtime`` is the scheduling in force,
+        for the health message.
         """
         self._service = service
         self._bus = bus
@@ -69,7 +65,7 @@ class LiveRunner:
         self._realtime = realtime
         self._stop = StopSignals()
         self._journal = Journal(service.name, service.settings)
-        self._stats = LoopStats(service, realtime)
+        self._stats = LoopStats(service.name, service.period_ns, realtime)
         clocks = ClockSync()
         self._components = ComponentSet(
             (
@@ -84,9 +80,6 @@ class LiveRunner:
                 LinkServer(service.name, self._links),
             )
         )
-        self._schemas = SchemaServer(
-            bus.robot, service.name, (*service.writes, HEALTH, *self._components.writes)
-        )
         self.inbox = Inbox(
             service.reads,
             service=service.name,
@@ -96,6 +89,7 @@ class LiveRunner:
             context=InboxContext(clocks.offset_of, time.monotonic_ns, self._journal),
             max_age=self._runtime.max_age,
         )
+        self._schemas: SchemaServer | None = None
         self._publishers: PublisherSet
         self._subscribers: list[Any] = []
         self._next_health = self._next_collect = 0
@@ -178,7 +172,8 @@ class LiveRunner:
         self._publishers = publishers
         service.wanted = publishers.wanted
         self._subscribers = subscribe(session, robot, self.inbox, service.reads)
-        self._schemas.open(session)
+        topics = (*service.writes, *own)
+        self._schemas = SchemaServer(session, robot, service.name, topics)
         context = RunnerContext(
             session, robot, service.name, boot, self.inbox, publishers.send, publishers.wanted
         )
@@ -192,7 +187,8 @@ class LiveRunner:
                 component.close()
             except Exception:  # noqa: BLE001 - the session is closed all the same
                 _log.exception("%s: %s failed", self._service.name, type(component).__name__)
-        self._schemas.close()
+        if self._schemas is not None:
+            self._schemas.close()
         # A session that is closed while messages come in reports each of them as an error.
         for subscriber in self._subscribers:
             subscriber.undeclare()
@@ -286,7 +282,8 @@ class LiveRunner:
                 gc.freeze()
 
     def _health(self) -> ServiceHealth:
-        more: dict[str, Any] = {"outputs": self._publishers.health()}
+        more: dict[str, Any] = {}
         for component in self._components.all:
             more |= component.report()
-        return self._stats.health(self.inbox).model_copy(update=more)
+        links, outputs = self.inbox.link_health(), self._publishers.health()
+        return self._stats.health(links=links, outputs=outputs, **more)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from common.errors import SchemaError
 from common.wire.codec import decode
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 from services.logger.export.output import ExportFile, export_file
 from services.logger.export.robot import RobotModel
 from services.logger.export.routes import NOT_EXPORTED, Routes

@@ -1,7 +1,5 @@
 """Describes events (gaits, pushes, stops, episodes, links) in a line of text each."""
 
-from dataclasses import dataclass
-
 from common.schemas import (
     EpisodeMark,
     Estop,
@@ -15,16 +13,8 @@ from common.schemas import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class EventLine:
-    """A line of the event log."""
-
-    text: str
-    warning: bool
-
-
-def event_line(message: Message) -> EventLine | None:
-    """Return the line for a message; None if the message is no event."""
+def event_line(message: Message) -> tuple[str, bool]:
+    """Return a line of text and whether it is a warning; an empty text if there is no event."""
     text, warning = "", False
     match message:
         case GaitRequest():
@@ -44,4 +34,4 @@ def event_line(message: Message) -> EventLine | None:
             text = f"episode {message.episode}: {message.action.name} {message.label}".rstrip()
         case LinkChange():
             text = f"link {message.topic} to {message.service}: {message.link or 'no delay'}"
-    return EventLine(text, warning) if text else None
+    return text, warning

@@ -21,7 +21,7 @@ from google.protobuf.message import Message as Protobuf
 from google.protobuf.message_factory import GetMessageClass
 from pydantic import BaseModel
 
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 
 PACKAGE = "trill"
 

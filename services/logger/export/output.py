@@ -8,7 +8,8 @@ from typing import IO
 
 from mcap.writer import CompressionType, Writer
 
-from services.logger.export.errors import ExportError
+from common.files import whole_file
+from services.logger.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
 from services.logger.read.wall_clock import Times
 
@@ -17,11 +18,7 @@ METADATA = "trill"
 
 
 class ExportFile:
-    """An exported file, open for writing; see :func:`export_file`.
-
-    Attributes:
-        counts: messages written, by topic.
-    """
+    """An exported file open for writing, and its messages by topic; see :func:`export_file`."""
 
     def __init__(self, stream: IO[bytes]) -> None:
         """Begin a file on ``stream``."""
@@ -65,25 +62,16 @@ class ExportFile:
 def export_file(path: Path, *, force: bool) -> Iterator[ExportFile]:
     """Write the file ``path``, which appears when the block has ended well, and only then.
 
-    Args:
-        path: the file to write.
-        force: replace an existing file.
-
     Raises:
         ExportError: the file exists already (and not ``force``), or cannot be written.
     """
     if path.exists() and not force:
         raise ExportError(f"{path} exists already; give another -o, or --force to replace it")
-    unfinished = path.with_name(f".{path.name}.unfinished")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with unfinished.open("wb") as stream:
+        with whole_file(path) as unfinished, unfinished.open("wb") as stream:
             yield ExportFile(stream)
-        unfinished.replace(path)
     except OSError as error:
         raise ExportError(
             f"cannot write {path}: {error.strerror or error}; give a writable -o with enough space"
         ) from error
-    finally:
-        with contextlib.suppress(OSError):
-            unfinished.unlink(missing_ok=True)

@@ -9,7 +9,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from common.robot.joints import JOINT_NAMES
 from common.schemas import CameraFrame
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -24,14 +24,9 @@ Array = NDArray[np.float64]
 
 
 def joint_state(topic: str, stamp: int, position: Array, velocity: Array, effort: Array) -> Sample:
-    """Encode the 27 joints with their names.
+    """Encode the 27 joints with their names at the wall-clock time ``stamp`` [ns].
 
-    Args:
-        topic: where it will be written.
-        stamp: wall clock [ns].
-        position: (27,) [rad].
-        velocity: (27,) [rad/s].
-        effort: (27,) [N·m].
+    ``position`` [rad], ``velocity`` [rad/s] and ``effort`` [N·m] have shape (27,).
     """
     message = _STORE.types[JOINT_STATE](
         header=_header(stamp, ""), name=_NAMES, position=position, velocity=velocity, effort=effort

@@ -66,13 +66,9 @@ class Routes:
         }
 
     def __call__(self, topic: str, name: str, message: Any, times: Times) -> Iterator[Sample]:
-        """Yield the samples to write for a message.
+        """Yield the samples to write for a message of ``topic``, the row of the topic table.
 
-        Args:
-            topic: the row of the topic table.
-            name: its key without the robot: the topic, and the source if each has its own key.
-            message: the decoded message.
-            times: its times on the wall clock.
+        ``name`` is its key without the robot: the topic, and the source if each has its own key.
 
         Raises:
             ExportError: the message cannot be converted.
@@ -169,6 +165,6 @@ def _scene(_: str, scene: SceneState, times: Times) -> Iterator[Sample]:
 
 
 def _event(name: str, message: Any, times: Times) -> Iterator[Sample]:
-    line = event_line(message)
-    if line is not None:
-        yield spatial.log_line("/events", times.stamp, name, line.text, warning=line.warning)
+    text, warning = event_line(message)
+    if text:
+        yield spatial.log_line("/events", times.stamp, name, text, warning=warning)

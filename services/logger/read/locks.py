@@ -1,4 +1,4 @@
-"""Locks a log against other recorders and repairs, and replaces it in one step."""
+"""Locks a log against other recorders and repairs, and keeps the original of a repaired one."""
 
 import contextlib
 import fcntl
@@ -9,7 +9,6 @@ from itertools import count
 from pathlib import Path
 
 from services.logger.errors import LoggerError
-from services.logger.log_format import write_error
 
 
 @contextlib.contextmanager
@@ -44,23 +43,6 @@ def is_locked(path: Path) -> bool:
         return True
 
 
-@contextlib.contextmanager
-def temporary_for(target: Path) -> Iterator[Path]:
-    """Yield the path of a temporary file beside ``target``; remove what is left of it.
-
-    Raises:
-        LoggerError: writing failed, for instance because the disk is full.
-    """
-    temporary = target.with_name(f".{target.name}.repairing")
-    temporary.unlink(missing_ok=True)
-    try:
-        yield temporary
-    except OSError as error:
-        raise write_error(target, error) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def keep_original(path: Path) -> Path:
     """Give the file a second name, ``<name>.broken``, and return that."""
     names = (path.with_name(f"{path.name}.broken{'' if n == 1 else f'-{n}'}") for n in count(1))
@@ -70,15 +52,3 @@ def keep_original(path: Path) -> Path:
     except OSError:  # a file system without links
         shutil.copyfile(path, kept)
     return kept
-
-
-def replace_durably(temporary: Path, target: Path) -> None:
-    """Rename ``temporary`` to ``target`` once it is on the disk."""
-    with temporary.open("rb") as stream:
-        os.fsync(stream.fileno())
-    temporary.replace(target)
-    directory = os.open(target.parent, os.O_RDONLY)
-    try:
-        os.fsync(directory)
-    finally:
-        os.close(directory)

@@ -71,12 +71,7 @@ class Span:
 
 
 class McapFile:
-    """An MCAP file opened by :func:`open_mcap`.
-
-    Attributes:
-        path: of the file.
-        size: of the file [bytes].
-    """
+    """An MCAP file of ``size`` bytes, opened by :func:`open_mcap`."""
 
     def __init__(self, path: Path, data: Any) -> None:
         """Read the file ``path``, whose bytes are ``data`` (a memory map, or bytes)."""

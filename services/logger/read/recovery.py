@@ -28,12 +28,9 @@ class Losses:
 def recover(
     file: McapFile, losses: Losses | None = None, opcodes: Container[int] | None = None
 ) -> Iterator[tuple[Span, McapRecord]]:
-    """Yield every record that can be read, with its span or its chunk's; count the rest.
+    """Yield every readable record, with its span or its chunk's; count the rest in ``losses``.
 
-    Args:
-        file: an open file.
-        losses: counts what is passed over.
-        opcodes: kinds of records outside chunks to read; None: all, and the chunks.
+    ``opcodes`` are the kinds of records outside chunks to read; None: all, and the chunks.
     """
     losses = losses or Losses()
     for span in file.spans():

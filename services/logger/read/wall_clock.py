@@ -20,12 +20,7 @@ class Times:
 
 @dataclass(frozen=True, slots=True)
 class WallClock:
-    """The offset between the recorder's wall clock and its monotonic clock.
-
-    Attributes:
-        offset: wall minus monotonic [ns]; 0 if it is not known.
-        known: whether the log states it.
-    """
+    """The recorder's wall clock minus its monotonic clock [ns]; 0 if the log does not state it."""
 
     offset: int = 0
     known: bool = False
@@ -39,15 +34,11 @@ class WallClock:
             return cls()
 
     def times(self, header: Header, log_time: int) -> Times:
-        """Return the times of one message.
+        """Return the times of a message that arrived at ``log_time``, on the recorder's clock [ns].
 
         The stamp is when its information was captured; without that, when it was sent. A sender on
         another machine has a monotonic clock of its own, which is recognised by its large
         difference; the arrival is used instead.
-
-        Args:
-            header: the message's header.
-            log_time: its arrival, on the recorder's monotonic clock [ns].
         """
         sent = _if_near(header.sent, log_time)
         captured = _if_near(header.captured, sent)

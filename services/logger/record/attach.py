@@ -17,13 +17,9 @@ def find_robot(
     timeout: float = TIMEOUT_S,
     stopping: Callable[[], bool] = lambda: False,
 ) -> str:
-    """Return the name of the one robot that answers on ``session``.
+    """Return the name of the one robot that answers on ``session``, within ``timeout`` [s].
 
-    Args:
-        session: an open Zenoh session.
-        where: the address it is connected to, for the error.
-        timeout: how long to ask [s].
-        stopping: ends the attempts when it returns True.
+    The error names ``where``, the address; ``stopping`` ends the attempts when it returns True.
 
     Raises:
         LoggerError: no robot answers, or several do.

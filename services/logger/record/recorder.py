@@ -53,14 +53,10 @@ class Recorder:
         next_sink: Callable[[], McapSink] | None = None,
         episodes: EpisodeBook | None = None,
     ) -> None:
-        """Prepare; :meth:`start` begins to record.
+        """Prepare to write to ``sink``; :meth:`start` begins to record.
 
-        Args:
-            sink: the file to write.
-            config: buffering and rotation.
-            robot: name of the robot whose episode marks are followed.
-            next_sink: opens the next segment's file; without it there is only one segment.
-            episodes: the episodes of earlier segments.
+        The episode marks of ``robot`` are followed on from ``episodes``, those of earlier segments.
+        ``next_sink`` opens the next segment's file; without it there is only one segment.
         """
         self.intake = Intake(config.queue_messages, config.queue_bytes)
         self.episodes = episodes or EpisodeBook()

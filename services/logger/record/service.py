@@ -8,14 +8,12 @@ import os
 import secrets
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from common.inbox.inbox import Inbox
 from common.runtime.live.loop_stats import LoopStats
-from common.runtime.service import Inputs, Output, Service
 from common.topics import HEALTH
 from common.transport.config import BusConfig
 from common.transport.publisher import Publisher
@@ -39,30 +37,12 @@ from services.logger.record.status import Status
 
 _log = logging.getLogger("trill.logger")
 
+NAME = "logger"
 HEALTH_PERIOD = 0.5
 """Time between health messages [s]."""
 QUERY_PERIOD = 5.0
 """First time between queries for missing schemas [s]; it grows while there is no answer."""
 _LONGEST_QUERY_PERIOD = 60.0
-
-
-class LoggerService(Service):
-    """The logger as a service: its name, period, output and exit code."""
-
-    name = "logger"
-    writes = (HEALTH,)
-
-    def __init__(self, recorder: Recorder, tap: RawTap, period: float) -> None:
-        """Watch ``recorder`` and the ``tap`` that feeds it, once each ``period`` [s]."""
-        self.period_ns = round(1e9 * period)
-        self._recorder = recorder
-        self._tap = tap
-
-    def step(self, _inputs: Inputs, _now_ns: int) -> Sequence[Output]:
-        """End the process when receiving or writing failed."""
-        if self._recorder.error is not None or self._tap.error is not None:
-            self.exit_code = 1
-        return ()
 
 
 @dataclass(frozen=True)
@@ -105,13 +85,13 @@ def record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str,
             "another --out"
         )
     Selection(options.bus.robot, options.config.topics, options.config.exclude)
-    session: Any = open_session(options.bus, LoggerService.name, stopping)
+    session: Any = open_session(options.bus, NAME, stopping)
     try:
         robot = options.bus.robot
         if options.find_robot:
             robot = find_robot(
                 session,
-                ", ".join(options.bus.connect_endpoints(LoggerService.name)),
+                ", ".join(options.bus.connect_endpoints(NAME)),
                 stopping=stopping,
             )
         return _Recording(options, session, robot).run(stopping)
@@ -185,25 +165,23 @@ class _Recording:
         return report
 
     def _loop(self, tap: RawTap, stopping: Callable[[], bool]) -> None:
-        """Step at the service's period and publish health, until stopped or failed."""
+        """Publish health and show the status, until stopped or failed."""
         options = self._options
-        service = LoggerService(self._recorder, tap, options.config.drain_period)
-        stats = LoopStats(service, options.realtime)
+        period_ns = round(1e9 * options.config.drain_period)
+        stats = LoopStats(NAME, period_ns, options.realtime)
         health = None if options.observe else _Health(self._session, self._robot)
         status = Status(self._recorder, options.config.low_disk, sys.stderr, live=options.live)
-        inbox = Inbox(())
         self._query_at = time.monotonic() + QUERY_PERIOD
-        while not stopping() and service.exit_code is None:
+        while not (stopping() or self._recorder.error or tap.error):
             started = time.monotonic_ns()
-            service.step(inbox, started)
-            took = time.monotonic_ns() - started
-            stats.count(took, took > service.period_ns)
             now = 1e-9 * started
             if health is not None:
-                health.update(now, stats, inbox)
+                health.update(now, stats)
             status.update(now)
+            took = time.monotonic_ns() - started
+            stats.count(took, took > period_ns)
             self._query_again(now, tap)
-            time.sleep(max(0.0, 1e-9 * (service.period_ns - took)))
+            time.sleep(max(0.0, 1e-9 * (period_ns - took)))
         status.end()
         if health is not None:
             health.close()
@@ -225,15 +203,14 @@ class _Health:
     """Publishes the logger's own health."""
 
     def __init__(self, session: Any, robot: str) -> None:
-        self._publisher = Publisher(session, robot, HEALTH, LoggerService.name, new_boot_id())
-        self._schemas = SchemaServer(robot, LoggerService.name, LoggerService.writes)
-        self._schemas.open(session)
+        self._publisher = Publisher(session, robot, HEALTH, NAME, new_boot_id())
+        self._schemas = SchemaServer(session, robot, NAME, (HEALTH,))
         self._next = 0.0
 
-    def update(self, now: float, stats: LoopStats, inbox: Inbox) -> None:
+    def update(self, now: float, stats: LoopStats) -> None:
         if now >= self._next:
             self._next = max(self._next + HEALTH_PERIOD, now)
-            self._publisher.send(stats.health(inbox))
+            self._publisher.send(stats.health(links=[]))
 
     def close(self) -> None:
         self._schemas.close()

@@ -50,13 +50,9 @@ class McapSink:
         config: LoggerConfig,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        """Create ``path``; an existing file is refused, not overwritten.
+        """Create ``path`` for messages of ``robot``; an existing file is refused, not overwritten.
 
-        Args:
-            path: the file.
-            robot: name of the recorded robot.
-            config: buffering and compression.
-            about: facts about the recording for its first metadata record.
+        ``about`` holds facts about the recording for the file's first metadata record.
         """
         self.path = path
         self._robot = robot

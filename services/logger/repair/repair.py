@@ -15,16 +15,18 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from common.files import whole_file
 from services.logger.errors import LoggerError
 from services.logger.log_format import (
     COMPRESSION,
     DELIVERY_METADATA,
     PROFILE,
     REPAIR_METADATA,
+    write_error,
 )
 from services.logger.read.delivery import DeliveryCount
 from services.logger.read.index import read_index
-from services.logger.read.locks import keep_original, locked, replace_durably, temporary_for
+from services.logger.read.locks import keep_original, locked
 from services.logger.read.mcap_file import McapFile, open_mcap
 from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import Losses, recover
@@ -83,17 +85,18 @@ def repair(
     with locked(path):
         fault = fault_of(path, on_progress)
         target = path if out is None else out
-        if not fault:
-            if out is not None:
-                with temporary_for(target) as copy:
-                    shutil.copyfile(path, copy)
-                    replace_durably(copy, target)
-            return RepairResult(path, "", target)
-        with temporary_for(target) as rewritten:
-            rebuilt, losses = _rewrite(path, rewritten, fault, on_progress)
-            _read_back(rewritten, rebuilt.messages)
-            kept = None if out is not None or discard_original else keep_original(path)
-            replace_durably(rewritten, target)
+        try:
+            if not fault:
+                if out is not None:
+                    with whole_file(target) as copy:
+                        shutil.copyfile(path, copy)
+                return RepairResult(path, "", target)
+            with whole_file(target) as rewritten:
+                rebuilt, losses = _rewrite(path, rewritten, fault, on_progress)
+                _read_back(rewritten, rebuilt.messages)
+                kept = None if out is not None or discard_original else keep_original(path)
+        except OSError as error:
+            raise write_error(target, error) from error
     return RepairResult(
         path,
         fault,
@@ -111,7 +114,7 @@ def _rewrite(
 ) -> tuple[DeliveryRebuilder, Losses]:
     """Write everything that can be read of ``path`` to the new file ``output``."""
     losses = Losses()
-    with open_mcap(path) as file, output.open("xb") as stream:
+    with open_mcap(path) as file, output.open("wb") as stream:
         if next(recover(file), None) is None:
             raise LoggerError(f"{path}: nothing in it can be read as an MCAP log; {fault}")
         copy = _Copy(stream, file)

@@ -1,16 +1,13 @@
 """Opens a log in Rerun: converted, with the robot's shapes and a layout, kept beside the log."""
 
-import importlib.util
 import os
 import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from services.logger.export.convert import OnProgress, Summary, export_log
-from services.logger.export.errors import ExportError
 from services.logger.read.segments import existing_segments
 
 APPLICATION = "trill"
@@ -20,63 +17,36 @@ SETPOINT_RADIUS = 0.035
 _SIDE_COLOURS = {"left": (78, 121, 167), "right": (242, 142, 43)}
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """A recording that Rerun can open.
-
-    Attributes:
-        path: the .rrd file.
-        summary: what was converted; None if an earlier file is used.
-    """
-
-    path: Path
-    summary: Summary | None
-
-
-def require_rerun() -> None:
-    """Check that Rerun can be imported.
-
-    Raises:
-        ExportError: Rerun is not installed.
-    """
-    if importlib.util.find_spec("rerun") is None:
-        raise ExportError(
-            "Rerun is not installed; pip install '.[view]' in a checkout of trill (170 MB), or "
-            "`trill export` the log and open it in another viewer"
-        )
-
-
-def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> Prepared:
+def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> tuple[Path, Summary | None]:
     """Convert ``log`` to a Rerun recording, or find the one made before.
 
     The recording lies beside the log, or in the temporary directory if that place cannot be
     written. It is made again when the log has grown, and for ``fresh``.
 
+    Returns:
+        the .rrd file, and what was converted; None if an earlier file is used.
+
     Raises:
         LoggerError: there is no readable log.
         ExportError: the log cannot be converted.
     """
-    require_rerun()
     folder = log.parent if os.access(log.parent, os.W_OK) else Path(tempfile.gettempdir())
     path = folder / f"{log.stem}{SUFFIX}"
     if not fresh and _newer(path, existing_segments(log)):
-        return Prepared(path, None)
+        return path, None
     with tempfile.TemporaryDirectory(prefix="trill-view-", dir=folder) as work:
         exported = Path(work) / "exported.mcap"
         summary = export_log(log, exported, on_progress=on_progress)
         unfinished = Path(work) / path.name
         write_recording(exported, unfinished, name=log.parent.name)
         unfinished.replace(path)
-    return Prepared(path, summary)
+    return path, summary
 
 
 def write_recording(exported: Path, path: Path, name: str) -> None:
-    """Write an exported file as a Rerun recording, with robot shapes and layout.
+    """Write a file of :func:`export_log` as a Rerun recording, the .rrd file ``path``.
 
-    Args:
-        exported: made by :func:`export_log`.
-        path: the .rrd file to write.
-        name: shown in the viewer.
+    It has robot shapes and layout; the viewer shows ``name``.
     """
     import rerun as rr
     from rerun.chunk import McapReader, OptimizationProfile
@@ -105,10 +75,7 @@ def show(path: Path) -> int:
 def show_in_browser(path: Path, port: int, on_address: Callable[[str], None]) -> None:
     """Serve the recording and the web viewer on this machine until interrupted.
 
-    Args:
-        path: the .rrd file.
-        port: of the loopback interface; 0: any free one.
-        on_address: called with the address to open.
+    ``on_address`` is called with the address to open; port 0 takes any free one.
 
     Raises:
         ExportError: the port is taken, or Rerun does not work.

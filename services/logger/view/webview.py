@@ -19,7 +19,7 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import urlencode
 
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 
 HOST = "127.0.0.1"
 RECORDING = "recording.rrd"
@@ -32,11 +32,10 @@ _START_TIMEOUT = 60.0
 
 
 def web_server(directory: Path, port: int = 0) -> ThreadingHTTPServer:
-    """Return an HTTP server of ``directory``, bound but not yet running.
+    """Return an HTTP server of ``directory``, bound to the loopback interface but not yet running.
 
-    Args:
-        directory: holds the web viewer's :data:`PAGES` and the :data:`RECORDING`.
-        port: of the loopback interface; 0: any free one.
+    The directory holds the web viewer's :data:`PAGES` and the :data:`RECORDING`; port 0 takes any
+    free one.
 
     Raises:
         ExportError: the port is taken.
@@ -68,12 +67,9 @@ class _Handler(SimpleHTTPRequestHandler):
 
 
 def fetch_viewer(directory: Path, command: Sequence[str], environment: Mapping[str, str]) -> None:
-    """Copy the web viewer's files, which are inside the ``rerun`` program, to ``directory``.
+    """Copy the web viewer's files to ``directory`` from inside the ``rerun`` program.
 
-    Args:
-        directory: where to write them.
-        command: runs the ``rerun`` program.
-        environment: of that program.
+    ``command`` and ``environment`` run that program.
 
     Raises:
         ExportError: it does not serve them.

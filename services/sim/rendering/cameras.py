@@ -18,8 +18,8 @@ from common.robot.frames import CAMERAS
 from common.runtime.live.main import run_live
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import CameraFrame, Header, PlantState, SceneState
+from common.tables import validated
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, TASK_SCENE
-from services.sim.config import validated
 from services.sim.model.robot_state import show_state
 from services.sim.model.world import FLOOR_GEOM, build_model, find_addresses
 from services.sim.rendering.offscreen import Image, Offscreen, fixed_camera

@@ -4,9 +4,8 @@ import logging
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from common.errors import ConfigError, explain
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     ControllerState,
@@ -17,6 +16,7 @@ from common.schemas import (
     OperatorStatus,
     PlantStatus,
 )
+from common.tables import validated
 from common.topics import (
     PLANT_STATUS,
     TELEOP_GAIT,
@@ -96,13 +96,10 @@ class ScriptedOperator(Service):
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Build the operator for a replay."""
-        try:
-            return cls(
-                Script.model_validate(settings.get("script")),
-                ScriptedConfig.model_validate(settings.get("config", {})),
-            )
-        except ValidationError as error:
-            raise ConfigError(f"the operator's settings are wrong: {explain(error)}") from error
+        return cls(
+            validated(Script, settings.get("script", {})),
+            validated(ScriptedConfig, settings.get("config", {})),
+        )
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Advance the script by one tick; see :class:`common.runtime.service.Service`."""

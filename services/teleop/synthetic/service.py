@@ -5,11 +5,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from common.errors import ConfigError, explain
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import GaitReply, Header, OperatorStatus
+from common.tables import validated
 from common.topics import (
     PLANT_STATE,
     TASK_SCENE,
@@ -87,10 +87,7 @@ class SyntheticOperator(Service):
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Build the operator for a replay."""
-        try:
-            return cls(SyntheticConfig.model_validate(settings))
-        except ValidationError as error:
-            raise ConfigError(f"the operator's settings are wrong: {explain(error)}") from error
+        return cls(validated(SyntheticConfig, settings))
 
     def _begin(self, resets: int) -> None:
         self._resets = resets

@@ -68,7 +68,7 @@ def test_loss_leaves_the_delays_of_the_others_alone() -> None:
 def test_total_loss_lets_nothing_through() -> None:
     released, stats = run("5ms loss=1", MS, 50)
     assert released == []
-    assert (stats.pushed, stats.lost, stats.released) == (50, 50, 0)
+    assert (stats.pushed, stats.lost) == (50, 50)
     assert stats.achieved_mean == 0.0
 
 
@@ -228,7 +228,8 @@ def test_adopted_messages_keep_their_times_and_stay_in_front() -> None:
     new.push("c", 20 * MS)
     assert new.pop(109 * MS) == [Released(100 * MS, 100 * MS, "a")]
     assert [item for _, _, item in new.pop(110 * MS)] == ["b", "c"]
-    assert (new.stats().pushed, new.stats().released) == (1, 1)
+    assert new.stats().pushed == 1
+    assert new.stats().achieved_mean == pytest.approx(0.09)
 
 
 def test_achieved_p99_is_of_the_last_ten_thousand() -> None:

@@ -221,10 +221,9 @@ def test_tap_sees_everything_of_its_robot_with_tags(bus: Bus) -> None:
     assert seen["draco3/estop"][1] == schema_tag(Estop)
     assert seen["draco3/extra"][:2] == (b"raw", "")
     assert 0 < seen["draco3/estop"][2] <= time.monotonic_ns()
-    assert tap.dropped == 0
 
 
-def test_tap_that_is_not_drained_lets_the_oldest_go_and_counts(bus: Bus) -> None:
+def test_tap_that_is_not_drained_lets_the_oldest_go(bus: Bus) -> None:
     tap = RawTap(bus.session("logger"), "draco3", maxlen=10)
     session = bus.session("sim")
     sent = 0
@@ -239,7 +238,7 @@ def test_tap_that_is_not_drained_lets_the_oldest_go_and_counts(bus: Bus) -> None
     tap.close()
     kept = [int(sample.payload) for sample in tap.drain()]
     assert len(kept) == 10
-    assert tap.dropped == tap.received - 10
+    assert kept[-1] >= tap.received - 1
     assert kept == list(range(kept[0], kept[0] + 10))
     assert tap.drain() == []
 

@@ -41,8 +41,8 @@ def test_a_missing_log_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str
 def test_a_missing_library_names_its_extra(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, "services.logger.export.convert", None)
-    assert main(["export", str(tmp_path)]) == 1
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    assert main(["export", str(tmp_path)]) == 2
     assert "pip install '.[export]'" in capsys.readouterr().err
 
 
@@ -50,8 +50,8 @@ def test_view_without_rerun_names_its_extra(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write(tmp_path / "log.mcap", session())
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    assert main(["view", str(tmp_path)]) == 1
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    assert main(["view", str(tmp_path)]) == 2
     assert "pip install '.[view]'" in capsys.readouterr().err
 
 

@@ -19,7 +19,7 @@ from lab.live.demo import FALL_AFTERMATH, ScriptJudge
 from lab.monitor.bus_stats import Snapshot
 from tests.lab.review.synthetic import FakeRobot
 
-NOTHING: list[tuple[Exit, bool]] = []
+NOTHING: list[Exit] = []
 
 
 def ended(name: str, code: int = 1, **changes: Any) -> Exit:
@@ -42,33 +42,33 @@ def judge(seconds: float | None = None) -> ScriptJudge:
 
 
 def test_the_operators_good_end_completes_the_run() -> None:
-    exits = [(ended("teleop", 0, expected=True), True)]
+    exits = [ended("teleop", 0, expected=True)]
     assert judge().verdict(50.0, view(), NOTHING) is None
     assert judge().verdict(50.0, view(), exits) == Verdict("completed")
 
 
 def test_the_operators_failure_gives_its_reason() -> None:
-    verdict = judge().verdict(50.0, view(failed="hand out of reach"), [(ended("teleop"), True)])
+    verdict = judge().verdict(50.0, view(failed="hand out of reach"), [ended("teleop")])
     assert verdict == Verdict("script failed", "hand out of reach")
-    silent = judge().verdict(5.0, Snapshot((), ()), [(ended("teleop", 2), True)])
+    silent = judge().verdict(5.0, Snapshot((), ()), [ended("teleop", 2)])
     assert silent is not None
     assert "exit code 2" in silent.reason
     assert "last words" in silent.reason
 
 
 def test_a_death_is_named_but_not_that_of_a_dispensable_process() -> None:
-    verdict = judge().verdict(5.0, view(), [(ended("cameras"), False), (ended("wbc", -11), True)])
+    verdict = judge().verdict(5.0, view(), [ended("cameras", essential=False), ended("wbc", -11)])
     assert verdict is not None
     assert verdict.outcome == "service died"
     assert "wbc ended: killed by SIGSEGV" in verdict.reason
-    assert judge().verdict(5.0, view(), [(ended("cameras"), False)]) is None
-    assert judge().verdict(5.0, view(), [(ended("wbc", restarted=True), True)]) is None
+    assert judge().verdict(5.0, view(), [ended("cameras", essential=False)]) is None
+    assert judge().verdict(5.0, view(), [ended("wbc", restarted=True)]) is None
 
 
 def test_a_fall_outweighs_what_follows_from_it_and_is_watched_a_while() -> None:
     one = judge()
     assert one.verdict(10.0, view(fallen=True), NOTHING) is None
-    assert one.verdict(10.1, view(fallen=True), [(ended("teleop"), True)]) is None
+    assert one.verdict(10.1, view(fallen=True), [ended("teleop")]) is None
     verdict = one.verdict(10.0 + FALL_AFTERMATH, view(fallen=True), NOTHING)
     assert verdict is not None
     assert verdict.outcome == "fell"

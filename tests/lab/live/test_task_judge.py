@@ -6,8 +6,8 @@ import pytest
 
 from common.schemas import PlantStatus, TaskStatus, TaskVerdict
 from deploy.process import Exit
-from deploy.system import SystemOptions, synthetic_operator
-from lab.live.demo import DemoOptions, ScriptJudge, _judge
+from deploy.system import SystemOptions
+from lab.live.demo import DemoOptions, ScriptJudge, _operator_and_judge
 from lab.live.task_judge import AFTERMATH, VERDICT_TIMEOUT, TaskJudge
 from lab.monitor.bus_stats import Snapshot
 from tests.lab.review.synthetic import FakeRobot
@@ -72,7 +72,7 @@ def test_after_the_operators_end_the_judge_has_some_seconds() -> None:
         "lever pressed"
     )
     two = judge()
-    dead = [(Exit("teleop", 2, expected=False, restarted=False, tail=("what?",)), True)]
+    dead = [Exit("teleop", 2, expected=False, restarted=False, tail=("what?",))]
     assert two.verdict(3.0, view(None), dead) is None
     ended = two.verdict(3.0 + VERDICT_TIMEOUT, view(None), [])
     assert ended is not None
@@ -96,7 +96,7 @@ def test_time_runs_out_and_services_die() -> None:
     ended = short.verdict(36.0, view(task_status()), [])
     assert ended is not None
     assert ended.outcome == "timed out"
-    dead = [(Exit("wbc", -9, expected=False, restarted=False, tail=()), True)]
+    dead = [Exit("wbc", -9, expected=False, restarted=False, tail=())]
     ended = judge().verdict(5.0, view(task_status()), dead)
     assert ended is not None
     assert ended.outcome == "service died"
@@ -104,8 +104,8 @@ def test_time_runs_out_and_services_die() -> None:
 
 def test_a_task_is_done_by_the_synthetic_operator_unless_a_script_is_named() -> None:
     task = SystemOptions(task="door/unlock", seed=7)
-    assert isinstance(_judge(DemoOptions(task)), TaskJudge)
-    assert isinstance(_judge(DemoOptions(task, script="gaits")), ScriptJudge)
-    assert isinstance(_judge(DemoOptions()), ScriptJudge)
-    args = synthetic_operator("door/unlock", 7).args
-    assert args == ("synthetic", "--task", "door/unlock", "--seed", "7", "--stay")
+    assert isinstance(_operator_and_judge(DemoOptions(task, script="gaits"))[1], ScriptJudge)
+    assert isinstance(_operator_and_judge(DemoOptions())[1], ScriptJudge)
+    operator, its_judge = _operator_and_judge(DemoOptions(task))
+    assert isinstance(its_judge, TaskJudge)
+    assert operator.args == ("synthetic", "--task", "door/unlock", "--seed", "7", "--stay")

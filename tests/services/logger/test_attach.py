@@ -44,8 +44,7 @@ def bus() -> Iterator[BusConfig]:
 def robot(bus: BusConfig) -> Iterator[Any]:
     """A plant that describes itself, publishes gaits, and a topic that is in no table."""
     session: Any = open_session(bus, "sim")
-    server = SchemaServer("draco3", "sim", (TELEOP_GAIT, CAMERA_LEFT))
-    server.open(session)
+    server = SchemaServer(session, "draco3", "sim", (TELEOP_GAIT, CAMERA_LEFT))
     newer = {
         "draco3/arm/pose": {"tag": "trill/ArmPose/3;abc", "jsonschema": '{"title": "ArmPose"}'}
     }
@@ -160,10 +159,9 @@ def test_two_robots_have_to_be_chosen_from_and_none_is_said(bus: BusConfig) -> N
     asking: Any = open_session(guest(bus), "logger")
     with pytest.raises(LoggerError, match="no robot answers at here"):
         find_robot(asking, "here", timeout=0.2)
-    servers = [SchemaServer(name, "sim", (HEALTH,)) for name in ("r1", "r2")]
-    servers[0].open(session)
+    servers = [SchemaServer(session, "r1", "sim", (HEALTH,))]
     assert find_robot(asking, "here") == "r1"
-    servers[1].open(session)
+    servers.append(SchemaServer(session, "r2", "sim", (HEALTH,)))
     with pytest.raises(LoggerError, match=r"2 robots answer at here: r1, r2; choose .*--robot"):
         find_robot(asking, "here")
     for server in servers:

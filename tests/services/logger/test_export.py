@@ -11,9 +11,8 @@ import pytest
 from common.robot.frames import HAND_FRAMES
 from common.robot.joints import JOINT_NAMES
 from common.schemas import CameraFrame
-from services.logger.errors import LoggerError
+from services.logger.errors import ExportError, LoggerError
 from services.logger.export.convert import export_log
-from services.logger.export.errors import ExportError
 from tests.services.logger.export_support import (
     EPOCH,
     MS,

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 
 from common.schemas import ControllerState, ControlState, Gait, LinkHealth, Message, StageTime
 from common.topics import ALL_TOPICS, Topic
-from services.logger.export.errors import ExportError
+from services.logger.errors import ExportError
 from services.logger.export.fields import message_class, to_protobuf
 from services.logger.export.links import link_plot
 from tests.services.logger.export_support import health, plant

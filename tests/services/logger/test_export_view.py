@@ -10,8 +10,8 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
+from services.logger.errors import ExportError
 from services.logger.export.convert import Summary, export_log
-from services.logger.export.errors import ExportError
 from services.logger.view import rerun as view
 from services.logger.view.webview import RECORDING, address_of, web_server
 from tests.services.logger.export_support import session, write
@@ -67,20 +67,13 @@ def test_a_taken_port_is_named(served: str, tmp_path: Path) -> None:
         web_server(tmp_path, port)
 
 
-def test_without_rerun_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(ExportError, match=r"Rerun is not installed; pip install '\.\[view\]'"):
-        view.prepare(tmp_path / "log.mcap", fresh=False, on_progress=lambda done, total: None)
-
-
 def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
-    return view.prepare(log, fresh=fresh, on_progress=lambda done, total: None).summary
+    return view.prepare(log, fresh=fresh, on_progress=lambda done, total: None)[1]
 
 
 def test_a_recording_is_kept_until_the_log_grows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(view, "require_rerun", lambda: None)
     monkeypatch.setattr(view, "write_recording", lambda source, path, name: path.write_text(name))
     log = tmp_path / "log.mcap"
     write(log, session())

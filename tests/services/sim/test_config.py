@@ -7,8 +7,9 @@ import pytest
 from common.errors import ConfigError
 from common.plant.config import TorqueMode
 from common.runtime.live.main import argument_parser
+from common.tables import validated
 from services.sim import __main__ as cli
-from services.sim.config import TYPICAL_NOISE, SimConfig, validated
+from services.sim.config import TYPICAL_NOISE, SimConfig
 
 
 @pytest.mark.parametrize(
