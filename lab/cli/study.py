@@ -46,7 +46,7 @@ Exit code: 0 all trials are there, whatever they show; 1 not; 2 wrong options; 1
 LATENCY_EXAMPLES = f"""examples:
   trill study latency --episodes 25 --jobs 2
   trill study latency --episodes 50 --jobs 2                     25 more of each
-  trill study latency --direction both --out {ROOT}-both         delay there and back
+  trill study latency --direction both --out {ROOT}-both         delay in both directions
   trill study latency --tasks hardware/tool --condition raw --condition interpolation \\
       --out {ROOT}-tool
   trill study latency --condition interpolation --condition slow=command=100ms,feedback=50ms \\

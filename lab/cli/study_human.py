@@ -29,7 +29,7 @@ whose latencies do not fit the condition is refused; --anyway adds it. Then writ
 trill study latency --report DIR."""
 ADD_EXAMPLES = """examples:
   trill up --task door/unlock --seed 3 --latency command=250ms          in one terminal
-  python -m services.teleop keyboard                                    in another, or a headset
+  python -m services.teleop keyboard                                    in another
   trill study add runs/20260131-120000 --participant P01 --condition latency-250
 """
 TLX = """Ask one person for the NASA Task Load Index in this terminal: six scales from 0 to 100 in

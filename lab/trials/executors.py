@@ -5,6 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
+from deploy.extras import install_hint
 from lab.errors import LabError
 from lab.trials.campaign import Executor
 from lab.trials.workers import WORKER_ENVIRONMENT, LocalExecutor
@@ -57,7 +58,7 @@ class RayExecutor:
             import ray
         except ImportError as error:
             raise LabError(
-                "--ray needs the package ray: pip install 'trill[ray]' (here and on every node)"
+                f"--ray needs the package ray: {install_hint('ray')}, here and on every node"
             ) from error
         self._ray: Any = ray
         _check_address(address)
