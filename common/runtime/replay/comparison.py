@@ -120,11 +120,11 @@ class OutputComparison:
                 self._on_message(made.topic, payload, made.step.now_ns)
             known = sent.get(made.topic.name, Sent()).seqs
             lost = made.step.now_ns < began or (len(known) > 0 and made.seq < max(known))
-            tally = self._report.outputs[made.topic.name]
+            counts = self._report.outputs[made.topic.name]
             if lost:
-                tally.unrecorded += 1
+                counts.unrecorded += 1
             elif made.step.now_ns >= self._window[0]:
-                tally.extra += 1
+                counts.extra += 1
                 self._note(made, "extra")
         if last is not None:
             self._count_missing(last)
@@ -149,19 +149,19 @@ class OutputComparison:
             self._on_message(made.topic, stamped(made.message, header), made.step.now_ns)
         if made.step.now_ns < self._window[0]:
             return
-        report, tally = self._report, self._report.outputs[made.topic.name]
+        report, counts = self._report, self._report.outputs[made.topic.name]
         found = differences(recorded, made.message, header)
         for item in found:
             name = f"{made.topic.name} {item.field.partition('[')[0]}"
             report.worst[name] = max(report.worst.get(name, 0.0), item.relative)
         if not found and is_of_other_version(recorded):
-            tally.close += 1
+            counts.close += 1
         elif not found:
-            tally.equal += 1
+            counts.equal += 1
         elif self._tolerance > 0.0 and all(item.relative <= self._tolerance for item in found):
-            tally.close += 1
+            counts.close += 1
         else:
-            tally.differing += 1
+            counts.differing += 1
             self._note(made, "differs", tuple(found))
 
     def _header(self, made: _Replayed, sent: int, encode: int) -> dict[str, Any]:

@@ -28,7 +28,7 @@ class Difference:
 
 
 @dataclass
-class Tally:
+class OutputCounts:
     """Counts of the messages of one topic by the result of their comparison."""
 
     equal: int = 0
@@ -72,7 +72,7 @@ class Report:
     boot: int
     steps: int = 0
     inputs: int = 0
-    outputs: dict[str, Tally] = field(default_factory=lambda: defaultdict(Tally))
+    outputs: dict[str, OutputCounts] = field(default_factory=lambda: defaultdict(OutputCounts))
     first: Difference | None = None
     worst: dict[str, float] = field(default_factory=dict)
     stopped: str = ""
@@ -88,7 +88,7 @@ class Report:
     @property
     def compared(self) -> int:
         """Messages that are in both."""
-        return sum(tally.compared for tally in self.outputs.values())
+        return sum(counts.compared for counts in self.outputs.values())
 
     def note(self, found: Difference) -> None:
         """Keep the earliest difference."""
