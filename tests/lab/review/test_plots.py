@@ -35,5 +35,5 @@ def test_a_robot_that_stands_has_a_path_plot_too() -> None:
 
 def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(__import__("sys").modules, "matplotlib", None)
-    with pytest.raises(ConfigError, match=r"trill\[deploy\]"):
+    with pytest.raises(ConfigError, match=r"\.\[deploy\]"):
         new_figure(100, 100)
