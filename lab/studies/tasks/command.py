@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from common.errors import ConfigError, TrillError
+from common.errors import ConfigError, TrillError, report
 from common.runtime.live.main import OptionFormatter
 from lab.errors import LabError
 from lab.progress import ProgressBar
@@ -159,8 +159,7 @@ def main(argv: list[str] | None = None) -> int:
     try:
         return pictures(arguments) if arguments.command == "pictures" else run(arguments)
     except TrillError as error:
-        print(f"lab.studies.tasks: {error}", file=sys.stderr)
-        return 2 if isinstance(error, ConfigError) else 1
+        return report("lab.studies.tasks", error)
     except KeyboardInterrupt:
         print("lab.studies.tasks: stopped; with --out, what is done is kept", file=sys.stderr)
         return 130
