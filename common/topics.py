@@ -15,17 +15,20 @@ from typing import Generic, TypeVar
 
 from common.ports import RUN_LIVE, Role
 from common.schemas import (
+    AuthorityState,
     CameraFrame,
     ControllerState,
     DeviceInput,
     EpisodeMark,
     Estop,
+    EstopClear,
     GaitReply,
     GaitRequest,
     Heartbeat,
     JointCommand,
     LinkChange,
     Message,
+    OperatorClaim,
     OperatorStatus,
     PlantRequest,
     PlantState,
@@ -73,6 +76,8 @@ class Topic(Generic[M_co]):
         delivery: how it is read.
         priority: its urgency on the wire.
         per_source: every source publishes it under a key of its own.
+        exclusive: there is one publisher at a time; a reader follows the first it hears until that
+            is silent for ``max_age``, and refuses messages of any other.
         doc: its content, for people.
     """
 
@@ -85,6 +90,7 @@ class Topic(Generic[M_co]):
     delivery: Delivery = Delivery.LATEST
     priority: Priority = Priority.INTERACTIVE
     per_source: bool = False
+    exclusive: bool = False
     doc: str = ""
 
 
@@ -100,23 +106,27 @@ _WBC, _OPERATOR = (Role.CONTROLLER,), (Role.OPERATOR,)
 # fmt: off
 PLANT_STATE = Topic(
     "plant/state", PlantState, _PLANT, _WBC + _OPERATOR,
-    200.0, 0.1, priority=_C, doc="measured state",
+    200.0, 0.1, priority=_C, exclusive=True, doc="measured state",
 )
 PLANT_TRUTH = Topic(
     "plant/truth", PlantState, _PLANT, _SENSOR,
-    50.0, 0.2, doc="ground truth, for scoring only",
+    50.0, 0.2, exclusive=True, doc="ground truth, for scoring only",
 )
 PLANT_STATUS = Topic(
     "plant/status", PlantStatus, _PLANT, _OPERATOR,
-    10.0, 0.5, doc="guard, real-time factor, state age at torque",
+    10.0, 0.5, exclusive=True, doc="guard, real-time factor, state age at torque",
 )
 PLANT_REQUEST = Topic(
     "plant/request", PlantRequest, _OPERATOR + _TOOL, _PLANT,
     0.0, 1.0, _EVENT, doc="reset, pause, resume, push",
 )
 ESTOP = Topic(
-    "estop", Estop, _OPERATOR, _PLANT,
-    0.0, delivery=_EVENT, priority=_C, doc="emergency stop, latched",
+    "estop", Estop, _OPERATOR + _TOOL, _PLANT,
+    0.0, delivery=_EVENT, priority=_C, doc="emergency stop button, latched by the plant",
+)
+ESTOP_CLEAR = Topic(
+    "estop/clear", EstopClear, _OPERATOR + _TOOL, _PLANT,
+    0.0, 1.0, _EVENT, priority=_C, doc="a person ends an emergency stop",
 )
 WBC_COMMAND = Topic(
     "wbc/command", JointCommand, _WBC, _PLANT,
@@ -124,14 +134,26 @@ WBC_COMMAND = Topic(
 )
 WBC_STATE = Topic(
     "wbc/state", ControllerState, _WBC, _OPERATOR,
-    100.0, 0.2, doc="state machine, errors, solver",
+    100.0, 0.2, exclusive=True, doc="state machine, errors, solver",
 )
 WBC_REPLY = Topic(
     "wbc/reply", GaitReply, _WBC, _OPERATOR,
     0.0, delivery=_EVENT, doc="answers to gait requests",
 )
+WBC_AUTHORITY = Topic(
+    "wbc/authority", AuthorityState, _WBC, _OPERATOR,
+    10.0, 0.5, exclusive=True, doc="which operator has the robot, and why",
+)
+WBC_TARGET = Topic(
+    "wbc/target", Setpoint, _WBC, _OPERATOR,
+    20.0, 0.25, exclusive=True, doc="present target, from which a new holder starts",
+)
+TELEOP_CLAIM = Topic(
+    "teleop/claim", OperatorClaim, _OPERATOR, _WBC,
+    10.0, 1.0, doc="an operator wants the robot, has it, or releases it",
+)
 TELEOP_SETPOINT = Topic(
-    "teleop/setpoint", Setpoint, _OPERATOR, _WBC + _OPERATOR,
+    "teleop/setpoint", Setpoint, _OPERATOR, _WBC,
     20.0, 0.25, doc="hands, grippers, neck",
 )
 TELEOP_GAIT = Topic(
@@ -148,11 +170,11 @@ TELEOP_STATUS = Topic(
 )
 CAMERA_LEFT = Topic(
     "camera/left", CameraFrame, _SENSOR, _OPERATOR,
-    20.0, 0.5, priority=_B, doc="left camera",
+    20.0, 0.5, priority=_B, exclusive=True, doc="left camera",
 )
 CAMERA_RIGHT = Topic(
     "camera/right", CameraFrame, _SENSOR, _OPERATOR,
-    20.0, 0.5, priority=_B, doc="right camera",
+    20.0, 0.5, priority=_B, exclusive=True, doc="right camera",
 )
 HEALTH = Topic(
     "health", ServiceHealth, (*RUN_LIVE, Role.OBSERVER), (),
@@ -172,11 +194,11 @@ LINK_CHANGE = Topic(
 )
 TASK_STATUS = Topic(
     "task/status", TaskStatus, _PLANT, (),
-    10.0, 0.5, doc="verdict of the task, at changes too",
+    10.0, 0.5, exclusive=True, doc="verdict of the task, at changes too",
 )
 TASK_SCENE = Topic(
     "task/scene", SceneState, _PLANT, _SENSOR + _OPERATOR,
-    50.0, 0.2, doc="where the task's objects are",
+    50.0, 0.2, exclusive=True, doc="where the task's objects are",
 )
 EPISODE = Topic(
     "episode", EpisodeMark, _TOOL, (),
@@ -190,9 +212,13 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     PLANT_STATUS,
     PLANT_REQUEST,
     ESTOP,
+    ESTOP_CLEAR,
     WBC_COMMAND,
     WBC_STATE,
     WBC_REPLY,
+    WBC_AUTHORITY,
+    WBC_TARGET,
+    TELEOP_CLAIM,
     TELEOP_SETPOINT,
     TELEOP_GAIT,
     TELEOP_DEVICE,

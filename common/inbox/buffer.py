@@ -2,7 +2,7 @@
 
 import logging
 import time
-from collections import deque
+from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
@@ -13,7 +13,7 @@ from common.inbox.arrivals import ArrivalQueue, RawMessage
 from common.journal.journal import Journal
 from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
-from common.schemas import Header, Message
+from common.schemas import Header, Message, Sender
 from common.topics import Delivery, Topic
 from common.wire.codec import decode, schema_tag
 from common.wire.header import wire_header
@@ -22,7 +22,7 @@ from common.wire.sequence import MessageOrder, SequenceTracker
 _NEVER = 2**63
 _RATE_WINDOW_NS = 1_000_000_000
 _RATE_KEPT = 4096
-_MAX_SOURCES = 64
+_MAX_SENDERS = 64
 _LOG_INTERVAL_S = 1.0
 _MAX_REFUSAL = 400
 
@@ -57,7 +57,7 @@ class TopicBuffer:
         is_event: whether each message matters, not only the newest.
         queue: payloads that wait.
         value: the last good message; None before the first.
-        by_source: the last good message of each source, for a per-source topic.
+        by_sender: the last good message of each sender, for a latest-value topic.
         events: good messages of the current step, for an event topic.
         updated: whether a good message became visible in the current step.
         good_ns: arrival of the last good message [ns].
@@ -92,7 +92,7 @@ class TopicBuffer:
         if line is not None:
             self.queue.set_line(line)
         self.value: Message | None = None
-        self.by_source: dict[str, Message] = {}
+        self.by_sender: OrderedDict[Sender, Message] = OrderedDict()
         self.events: list[Message] = []
         self.updated = False
         self.good_ns = 0
@@ -156,10 +156,12 @@ class TopicBuffer:
         self.updated = True
         if self.is_event:
             self.events.append(message)
-        elif self.topic.per_source:
-            source = message.header.source
-            if source in self.by_source or len(self.by_source) < _MAX_SOURCES:
-                self.by_source[source] = message
+            return
+        sender = message.header.sender
+        self.by_sender[sender] = message
+        self.by_sender.move_to_end(sender)
+        if len(self.by_sender) > _MAX_SENDERS:
+            self.by_sender.popitem(last=False)
 
     def _process(self, raw: RawMessage) -> None:
         """Decode one message, decide about it and record it."""

@@ -27,7 +27,7 @@ from common.inbox.health import health_of
 from common.links.config import CAMERAS, Links, link_seed
 from common.links.delay import DelayLine, DelayStats
 from common.links.spec import LinkSpec
-from common.schemas import LinkHealth, Message
+from common.schemas import LinkHealth, Message, Sender
 from common.topics import Topic
 
 M = TypeVar("M", bound=Message)
@@ -132,9 +132,9 @@ class Inbox:
         """Last good message of a latest-value topic; None before the first."""
         return cast("M | None", self._buffer(topic).value)
 
-    def latest_by_source(self, topic: Topic[M]) -> dict[str, M]:
-        """Last good message of a per-source topic from each source."""
-        return cast("dict[str, M]", dict(self._buffer(topic).by_source))
+    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
+        """Last good message of a latest-value topic from each sender, most recent last."""
+        return cast("dict[Sender, M]", dict(self._buffer(topic).by_sender))
 
     def updated(self, topic: Topic[Any]) -> bool:
         """Whether a good message arrived since the previous step."""

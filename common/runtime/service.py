@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
 from common.errors import TrillError
-from common.schemas import Message
+from common.schemas import Message, Sender
 from common.topics import Topic
 
 M = TypeVar("M", bound=Message)
@@ -17,6 +17,10 @@ class Inputs(Protocol):
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Last good message of a latest-value topic; None before the first."""
+        ...
+
+    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
+        """Last good message of a latest-value topic from each sender, most recent last."""
         ...
 
     def updated(self, topic: Topic[Any]) -> bool:
@@ -59,6 +63,8 @@ class Service(ABC):
             outputs are still published; it becomes the process's exit status. None: keep running.
         heartbeat_timeout_s: heartbeat timeout of its loop [s]; must be well above its longest step
             plus 0.04 s, the time between heartbeats.
+        boot: random id of this run of the service, as in the headers of its messages; set by the
+            runner before the first step.
         wanted: returns whether a topic of ``writes`` has a subscriber just now, to save costly
             outputs; set by the runner. Without a runner every topic is wanted.
         settings: JSON-serialisable constructor arguments, used by :meth:`from_settings` to rebuild
@@ -72,6 +78,7 @@ class Service(ABC):
     trigger: Topic[Any] | None = None
     exit_code: int | None = None
     heartbeat_timeout_s: float = 0.1
+    boot: int = 0
     wanted: Callable[[Topic[Any]], bool] = staticmethod(lambda _topic: True)
     settings: Mapping[str, Any] = {}
 

@@ -6,7 +6,13 @@ a reader must not ignore is added without one. A field that changes its meaning 
 nor type, for instance its frame, takes a new ``VERSION`` of its message.
 """
 
-from common.schemas.base import Header, Message
+from common.schemas.authority import (
+    AuthorityChange,
+    AuthorityState,
+    OperatorClaim,
+    OperatorKind,
+)
+from common.schemas.base import Header, Message, Sender
 from common.schemas.camera import CameraFrame
 from common.schemas.device import DeviceInput, HandController
 from common.schemas.episode import EpisodeAction, EpisodeMark
@@ -23,6 +29,7 @@ from common.schemas.link import LinkChange
 from common.schemas.operator import Gait, GaitRequest, OperatorStatus, Setpoint
 from common.schemas.plant import (
     Estop,
+    EstopClear,
     GuardMode,
     JointCommand,
     PlantAction,
@@ -42,6 +49,8 @@ from common.schemas.task import (
 from common.schemas.wbc import ControllerState, ControlState, GaitOutcome, GaitReply
 
 __all__ = [
+    "AuthorityChange",
+    "AuthorityState",
     "CameraFrame",
     "ControlState",
     "ControllerState",
@@ -49,6 +58,7 @@ __all__ = [
     "EpisodeAction",
     "EpisodeMark",
     "Estop",
+    "EstopClear",
     "Gait",
     "GaitOutcome",
     "GaitReply",
@@ -62,6 +72,8 @@ __all__ = [
     "LinkChange",
     "LinkHealth",
     "Message",
+    "OperatorClaim",
+    "OperatorKind",
     "OperatorStatus",
     "OutputHealth",
     "PeerHealth",
@@ -72,6 +84,7 @@ __all__ = [
     "SceneJoint",
     "ScenePose",
     "SceneState",
+    "Sender",
     "ServiceHealth",
     "Setpoint",
     "StageTime",

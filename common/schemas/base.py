@@ -1,11 +1,18 @@
 """The header every message carries and the base class of all messages."""
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 """Fits the signed 64-bit columns of journals, unlike every integer on the wire."""
+
+
+class Sender(NamedTuple):
+    """One run of a service: two processes of one name are two senders."""
+
+    source: str
+    boot: int
 
 
 class Header(BaseModel):
@@ -33,6 +40,11 @@ class Header(BaseModel):
     boot: Count = Field(default=0, description="Random id of the sending process")
     source: str = Field(default="", max_length=64, description="Name of the sending service")
     injected: Count = Field(default=0, description="Delay deliberately injected on this link [ns]")
+
+    @property
+    def sender(self) -> Sender:
+        """Who sent the message."""
+        return Sender(self.source, self.boot)
 
 
 class Message(BaseModel):

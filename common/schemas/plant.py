@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from common.schemas.arrays import JointVector, Quaternion, Vector2, Vector3
-from common.schemas.base import Message
+from common.schemas.base import Count, Message
 
 
 class GuardMode(IntEnum):
@@ -24,7 +24,7 @@ class GuardMode(IntEnum):
     DAMP = 3
     """The command in force is older than 5 s, or the robot has fallen: joints are only damped."""
     ESTOP = 4
-    """Emergency stop, latched until reset: joints are only damped."""
+    """Emergency stop, latched until it is cleared: joints are only damped."""
 
 
 class PlantState(Message):
@@ -40,6 +40,13 @@ class PlantState(Message):
     gripper_closure: Vector2 = Field(description="left, right; 0 open, 1 closed")
     foot_normal_force: Vector2 = Field(description="left, right ground reaction [N]")
     reset_count: int = Field(default=0, ge=0, description="Times the plant was reset")
+    guard: GuardMode = Field(
+        default=GuardMode.ACTIVE, description="what the motors do; the robot obeys only in ACTIVE"
+    )
+    fallen: bool = Field(default=False, description="the robot has fallen since the last reset")
+    controller_boot: Count = Field(
+        default=0, description="boot id of the controller that the plant obeys; 0: none"
+    )
 
 
 class JointCommand(Message):
@@ -75,6 +82,19 @@ class PlantStatus(Message):
         ge=0.0, le=1.0, description="share of physics steps with a motor at its torque limit"
     )
     late_steps: int = Field(ge=0, description="physics steps skipped to catch up with the wall")
+    controller: str = Field(
+        default="", max_length=64, description="source of the commands that it obeys; empty: none"
+    )
+    controller_boot: Count = Field(default=0, description="boot id of that controller; 0: none")
+    commands_foreign: int = Field(
+        default=0, ge=0, description="commands of another controller, refused"
+    )
+    last_refusal: str = Field(default="", max_length=200, description="of a command; empty: none")
+    stops: int = Field(default=0, ge=0, description="emergency stops latched so far")
+    stopped_by: str = Field(
+        default="", max_length=64, description="source of the stop that is latched; empty: none"
+    )
+    stop_reason: str = Field(default="", max_length=200, description="of the stop that is latched")
 
 
 class PlantAction(IntEnum):
@@ -101,6 +121,20 @@ class PlantRequest(Message):
 
 
 class Estop(Message):
-    """Emergency stop: latched by the plant until it is reset."""
+    """State of an emergency stop button.
+
+    Pressed, it is sent again and again until the plant's status confirms the stop, which the plant
+    latches until an :class:`EstopClear`. Not pressed, it says that the button could be pressed.
+    """
 
     reason: str = Field(max_length=200)
+    pressed: bool = Field(default=True, description="False: the button is there and not pressed")
+
+
+class EstopClear(Message):
+    """A person's command to end an emergency stop; nothing else ends one."""
+
+    reason: str = Field(max_length=200)
+    stops: int = Field(
+        ge=1, description="`PlantStatus.stops` of the stop that is meant; a later one stays latched"
+    )

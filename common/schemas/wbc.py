@@ -5,7 +5,7 @@ from enum import IntEnum
 from pydantic import Field
 
 from common.schemas.arrays import Vector2, Vector3
-from common.schemas.base import Message
+from common.schemas.base import Count, Message
 from common.schemas.operator import Gait
 
 
@@ -39,6 +39,9 @@ class ControllerState(Message):
     )
     solver: str = Field(max_length=32)
     unsolved: int = Field(ge=0, description="ticks whose QP was not solved, so far")
+    setpoint_stamp: Count = Field(
+        default=0, description="stamp of the set-point in use [ns]; 0: none"
+    )
 
 
 class GaitOutcome(IntEnum):
@@ -57,3 +60,4 @@ class GaitReply(Message):
     gait: Gait
     outcome: GaitOutcome
     reason: str = Field(default="", max_length=200)
+    requester_boot: Count = Field(default=0, description="boot id of the sender of the request")

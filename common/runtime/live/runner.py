@@ -170,7 +170,7 @@ class LiveRunner:
             session, robot, service.name, boot, writes=service.writes, own=own
         )
         self._publishers = publishers
-        service.wanted = publishers.wanted
+        service.boot, service.wanted = boot, publishers.wanted
         self._subscribers = subscribe(session, robot, self.inbox, service.reads)
         topics = (*service.writes, *own)
         self._schemas = SchemaServer(session, robot, service.name, topics)

@@ -70,6 +70,7 @@ class ReplayRunner:
             raise TrillError(f"expected a service named {recorded.service!r}, got {service.name!r}")
         self.report = Report(recorded.service, recorded.number, recorded.boot)
         self._service, self._recorded = service, recorded
+        service.boot = recorded.boot
         self._messages: Iterator[Recorded] = iter(messages)
         self._end_ns = window_ns[1]
         self._on_progress = on_progress

@@ -47,11 +47,14 @@ class SimBus:
         self._readers: dict[str, list[Inbox]] = {}
         self._callbacks: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
 
+    def boot(self, source: str, run: int) -> int:
+        """Return the boot id of a source's ``run``-th run."""
+        text = f"{self._seed} {source} {run}"
+        return int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "big")
+
     def stamper(self, source: str, run: int) -> HeaderStamper:
         """Return a stamper for one publisher of a source's ``run``-th run."""
-        text = f"{self._seed} {source} {run}"
-        boot = int.from_bytes(hashlib.sha256(text.encode()).digest()[:7], "big")
-        return HeaderStamper(source, boot, self._clock)
+        return HeaderStamper(source, self.boot(source, run), self._clock)
 
     def connect(self, inboxes: Iterable[Inbox]) -> None:
         """Deliver to these inboxes from now on, in this order and to no other."""

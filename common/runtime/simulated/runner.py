@@ -247,6 +247,7 @@ class SimTimeRunner:
         service = host.service
         service.wanted = self._bus.wanted
         host.runs += 1
+        service.boot = self._bus.boot(service.name, host.runs)
         host.journal = Journal(service.name, service.settings) if self._journal else None
         host.inbox = Inbox(
             service.reads,

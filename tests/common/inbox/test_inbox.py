@@ -216,7 +216,7 @@ def test_per_source_topics_keep_each_source() -> None:
         message = health(source)
         inbox.offer("health", encode(message, Header(seq=4, boot=1, source=source)), 0)
     inbox.begin_step(0)
-    assert {key: value.service for key, value in inbox.latest_by_source(HEALTH).items()} == {
+    assert {key.source: value.service for key, value in inbox.latest_by_sender(HEALTH).items()} == {
         "sim": "sim",
         "wbc": "wbc",
     }

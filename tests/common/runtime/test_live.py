@@ -61,7 +61,8 @@ class Stack:
         return self.inbox.fresh(PLANT_STATE) and self.inbox.updated(WBC_COMMAND)
 
     def health(self, name: str) -> ServiceHealth | None:
-        return self.inbox.latest_by_source(HEALTH).get(name)
+        latest = self.inbox.latest_by_sender(HEALTH)
+        return next((m for sender, m in latest.items() if sender.source == name), None)
 
     def link(self, name: str, topic: str) -> LinkHealth | None:
         health = self.health(name)

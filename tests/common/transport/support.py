@@ -29,6 +29,9 @@ def plant_state(seq: int = 0, boot: int = 1, source: str = "sim") -> schemas.Pla
         gripper_closure=PAIR,
         foot_normal_force=100 * PAIR,
         reset_count=2,
+        guard=GuardMode.HOLD,
+        fallen=True,
+        controller_boot=2**61,
     )
 
 
@@ -116,11 +119,32 @@ def examples() -> list[Message]:
             holds=1,
             saturated_fraction=0.25,
             late_steps=9,
+            controller="wbc",
+            controller_boot=2**61,
+            commands_foreign=7,
+            last_refusal="too old",
+            stops=2,
+            stopped_by="keyboard",
+            stop_reason="smoke",
         ),
         schemas.PlantRequest(
             action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2, seed=5
         ),
-        schemas.Estop(reason="größer ⚠"),
+        schemas.Estop(reason="größer ⚠", pressed=False),
+        schemas.EstopClear(reason="checked", stops=3),
+        schemas.OperatorClaim(kind=schemas.OperatorKind.PERSON, wants=True, act=4, holding=True),
+        schemas.AuthorityState(
+            holder="keyboard",
+            holder_boot=2**61,
+            kind=schemas.OperatorKind.PERSON,
+            changes=3,
+            change=schemas.AuthorityChange.TAKEN,
+            previous="teleop",
+            previous_boot=2**60,
+            since=1_500_000_000,
+            waiting=["teleop", "policy"],
+            ignored=8,
+        ),
         schemas.JointCommand(
             position=JOINTS,
             velocity=JOINTS + 1,
@@ -143,9 +167,14 @@ def examples() -> list[Message]:
             setpoint_fresh=True,
             solver="proxqp",
             unsolved=1,
+            setpoint_stamp=1_250_000_000,
         ),
         schemas.GaitReply(
-            request_id=5, gait=Gait.FORWARD, outcome=schemas.GaitOutcome.REFUSED, reason="walking"
+            request_id=5,
+            gait=Gait.FORWARD,
+            outcome=schemas.GaitOutcome.REFUSED,
+            reason="walking",
+            requester_boot=2**59,
         ),
         schemas.Setpoint(
             left_hand_position_in_body=VECTOR,

@@ -118,10 +118,10 @@ def test_per_source_topic_is_heard_from_everyone_but_oneself(bus: Bus) -> None:
         for publisher in publishers:
             publisher.send(health())
         inbox.begin_step(time.monotonic_ns())
-        return len(inbox.latest_by_source(HEALTH)) == 2
+        return len(inbox.latest_by_sender(HEALTH)) == 2
 
     assert until(attempt)
-    assert set(inbox.latest_by_source(HEALTH)) == {"sim", "wbc"}
+    assert {s.source for s in inbox.latest_by_sender(HEALTH)} == {"sim", "wbc"}
 
 
 def test_services_outside_the_table_find_each_other_through_one_inside(bus: Bus) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from common.plant.fallback import HOLD_DAMPING, HOLD_STIFFNESS
 from common.robot.joints import NOMINAL_POSITION
 from common.runtime.service import Inputs
-from common.schemas import Header, JointCommand, Message, PlantState
+from common.schemas import Header, JointCommand, Message, PlantState, Sender
 from common.topics import Topic
 from services.sim.physics.plant import Plant
 from services.sim.physics.stance import standing_torque
@@ -75,11 +75,13 @@ class FakeInputs(Inputs):
         self._latest: dict[str, Message] = {}
         self._updated: set[str] = set()
         self._events: dict[str, list[Any]] = {}
+        self._senders: dict[str, dict[Sender, Any]] = {}
 
     def put(self, topic: Topic[Any], message: Message) -> None:
         self._latest[topic.name] = message
         self._updated.add(topic.name)
         self._events.setdefault(topic.name, []).append(message)
+        self._senders.setdefault(topic.name, {})[message.header.sender] = message
 
     def begin_step(self) -> None:
         """Forget what the previous step saw."""
@@ -88,6 +90,9 @@ class FakeInputs(Inputs):
 
     def latest(self, topic: Topic[M]) -> M | None:
         return self._latest.get(topic.name)  # type: ignore[return-value]
+
+    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
+        return dict(self._senders.get(topic.name, {}))
 
     def updated(self, topic: Topic[Any]) -> bool:
         return topic.name in self._updated

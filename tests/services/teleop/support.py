@@ -18,6 +18,7 @@ from common.schemas import (
     Header,
     Message,
     PlantStatus,
+    Sender,
 )
 from common.topics import PLANT_STATUS, TELEOP_GAIT, WBC_REPLY, WBC_STATE, Topic
 
@@ -38,6 +39,10 @@ class FakeInputs(Inputs):
 
     def latest(self, topic: Topic[Any]) -> Any:
         return self.messages.get(topic.name)
+
+    def latest_by_sender(self, topic: Topic[Any]) -> dict[Sender, Any]:
+        message = self.messages.get(topic.name)
+        return {} if message is None else {message.header.sender: message}
 
     def updated(self, topic: Topic[Any]) -> bool:
         return topic.name in self.messages

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from common.robot import frames, joints
 from common.runtime.service import Inputs
-from common.schemas import Gait, Header, Message, PlantState, Setpoint
+from common.schemas import Gait, Header, Message, PlantState, Sender, Setpoint
 from common.topics import Topic
 from services.wbc.qp import QpData
 from services.wbc.robot_model import RobotState
@@ -113,6 +113,7 @@ class FakeInputs(Inputs):
     def __init__(self) -> None:
         self._latest: dict[str, Message] = {}
         self._new: dict[str, list[Message]] = {}
+        self._senders: dict[str, dict[Sender, Any]] = {}
         self.stale: set[str] = set()
 
     def begin_step(self) -> None:
@@ -121,9 +122,13 @@ class FakeInputs(Inputs):
     def put(self, topic: Topic[Any], message: Message) -> None:
         self._latest[topic.name] = message
         self._new.setdefault(topic.name, []).append(message)
+        self._senders.setdefault(topic.name, {})[message.header.sender] = message
 
     def latest(self, topic: Topic[M]) -> M | None:
         return self._latest.get(topic.name)  # type: ignore[return-value]
+
+    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
+        return dict(self._senders.get(topic.name, {}))
 
     def updated(self, topic: Topic[Any]) -> bool:
         return topic.name in self._new
