@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from common.plant.config import TorqueMode
-from common.plant.fallback import HOLD_STIFFNESS
 from common.plant.guard import Refusal
 from common.robot.joints import JOINT_INDEX
 from common.schemas import GuardMode, Header, JointCommand
@@ -14,7 +13,7 @@ from services.sim.config import TYPICAL_NOISE, SimConfig
 from services.sim.errors import PlantDivergedError
 from services.sim.physics.plant import START_NS, Plant
 
-from .support import MS, Stander, make_command, run_silently, state_bytes
+from .support import MS, STIFF, Stander, make_command, run_silently, state_bytes
 
 MODES = list(TorqueMode)
 WEIGHT = 36.522 * 9.81
@@ -208,7 +207,7 @@ def test_after_damping_a_far_command_is_refused_and_a_near_one_ramps_in() -> Non
     def command(distance: float) -> JointCommand:
         position = state.joint_position.copy()
         position[elbow] -= distance
-        return make_command(robot.now_ns, position=position, stiffness=HOLD_STIFFNESS)
+        return make_command(robot.now_ns, position=position, stiffness=STIFF)
 
     for distance in (0.4, -0.4):
         assert not robot.offer(command(distance))
