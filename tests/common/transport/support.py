@@ -32,6 +32,7 @@ def plant_state(seq: int = 0, boot: int = 1, source: str = "sim") -> schemas.Pla
         guard=GuardMode.HOLD,
         fallen=True,
         controller_boot=2**61,
+        torque_mode="rated",
     )
 
 
@@ -126,6 +127,7 @@ def examples() -> list[Message]:
             stops=2,
             stopped_by="keyboard",
             stop_reason="smoke",
+            divergences=1,
         ),
         schemas.PlantRequest(
             action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2, seed=5
