@@ -20,11 +20,14 @@ from verification.faults.dead_peer import DeadPeer
 from verification.faults.kill_recorder import KillRecorder
 from verification.faults.logger_on_robot import LoggerOnRobot
 from verification.faults.network_cut import NetworkCut
+from verification.faults.operators import Operators
 from verification.faults.plan import FaultPlan, Row, Verdict
 from verification.faults.slow_subscriber import SlowSubscriber
 
 Plans = Sequence[type[FaultPlan]]
-PLANS: Plans = (KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew)
+PLANS: Plans = (
+    KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew, Operators,
+)  # fmt: skip
 _WIDTH = 120
 """Width of the tables where the output is not a terminal."""
 
