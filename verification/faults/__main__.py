@@ -46,7 +46,7 @@ def parser(plans: Plans) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("names", nargs="*", metavar="NAME", help="experiments to run (all)")
-    result.add_argument("--quick", action="store_true", help="short runs, about four minutes")
+    result.add_argument("--quick", action="store_true", help="short runs, about six minutes")
     result.add_argument("--out", type=Path, default=Path("runs/studies/faults"), metavar="DIR",
                         help="folder of the results, a JSON file each (%(default)s)")  # fmt: skip
     fields = [(name, field, p) for p in plans for name, field in p.model_fields.items()]
