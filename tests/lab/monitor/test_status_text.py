@@ -49,7 +49,7 @@ def test_table_and_line_show_the_status_of_the_task() -> None:
 
 
 def authority(robot: FakeRobot, **changes: Any) -> Pair:
-    held = {
+    held: dict[str, Any] = {
         "holder": "keyboard",
         "holder_boot": 5,
         "kind": OperatorKind.PERSON,
