@@ -55,6 +55,11 @@ def repair_lines(done: RepairResult) -> list[str]:
         )
     count = total(done.report)
     lines.append(f"  delivery: {count.sent} sent, {count.missing} of them missing")
+    if done.stated:
+        lines.append(
+            f"  NOT ALL COULD BE SAVED: the broken file should hold {done.stated} messages; "
+            + ("it is kept for that reason" if done.kept else "keep it")
+        )
     if done.kept is not None:
         lines.append(f"  the broken file is kept as {done.kept}")
     return lines
