@@ -76,6 +76,9 @@ def _record(arguments: argparse.Namespace) -> int:
         "--compression": arguments.compression,
         "--rotate-size": arguments.rotate_size,
         "--rotate-every": arguments.rotate_every,
+        "--keep-size": arguments.keep_size,
+        "--keep-segments": arguments.keep_segments,
+        "--min-free": arguments.min_free,
         "--topics": arguments.topics,
         "--exclude": arguments.exclude,
     }

@@ -62,6 +62,22 @@ def add_recording_options(to: argparse.ArgumentParser) -> None:
         "--rotate-every", metavar="TIME", help="begin a new segment after this time, e.g. 10min"
     )
     group.add_argument(
+        "--keep-size",
+        metavar="SIZE",
+        help="delete the oldest segments when all take more than this, e.g. 50GB",
+    )
+    group.add_argument(
+        "--keep-segments",
+        type=int,
+        metavar="N",
+        help="delete the oldest segments when there are more",
+    )
+    group.add_argument(
+        "--min-free",
+        metavar="SIZE",
+        help="end the recording, whole, when the disk has less space left (100MB)",
+    )
+    group.add_argument(
         "--topics",
         metavar="PATTERNS",
         help="record only these, without the robot's name, e.g. 'plant/*,wbc/**'",
@@ -90,6 +106,9 @@ def settings_of(arguments: argparse.Namespace, table: dict[str, Any]) -> LoggerC
             "compression": arguments.compression,
             "rotate_size": arguments.rotate_size and parse_size(arguments.rotate_size),
             "rotate_every": arguments.rotate_every and parse_duration(arguments.rotate_every),
+            "keep_size": arguments.keep_size and parse_size(arguments.keep_size),
+            "keep_segments": arguments.keep_segments,
+            "min_free": arguments.min_free and parse_size(arguments.min_free),
             "topics": arguments.topics and split_list(arguments.topics),
             "exclude": arguments.exclude and split_list(arguments.exclude),
         }

@@ -34,7 +34,7 @@ from services.logger.export.fields import to_protobuf
 from services.logger.export.links import link_plot
 from services.logger.export.robot import Frame, RobotModel
 from services.logger.export.samples import Sample, protobuf_sample
-from services.logger.read.wall_clock import Times
+from services.logger.read.sender_clocks import Times
 
 TRANSFORM_PERIOD_NS = 20_000_000
 """Robot time between transforms [ns]."""

@@ -22,7 +22,8 @@ def test_messages_outside_chunks_are_read_and_counted(tmp_path: Path) -> None:
     (segment,), (topic,) = info.segments, info.topics
     assert (segment.messages, segment.whole) == (100, True)
     assert (segment.start_ns, segment.end_ns) == (10**9, 10**9 + 99 * 10**7)
-    assert (topic.messages, topic.rate) == (100, pytest.approx(100.0))
+    assert topic.messages == 100
+    assert topic.rate == pytest.approx(100.0)
     assert [m.sequence for m in LogReader(path).raw_messages()] == list(range(100))
     index = read_index(path)
     assert len(index.places) == 1
