@@ -159,7 +159,7 @@ def read_info(path: Path) -> LogInfo:
     paths = [one for one in found.paths if not one.exists() or one.stat().st_size]
     indexes = [read_index(one) for one in paths]
     if not indexes:
-        raise LoggerError(f"cannot open the log {path}: there is no such file, or it is empty")
+        raise LoggerError(f"{path} is not an MCAP log: it is empty")
     line = TimeLine()
     info = LogInfo([_segment_info(index, line) for index in indexes], remarks=found.remarks())
     info.pauses = line.pauses
