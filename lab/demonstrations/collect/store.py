@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from common.episodes.episode_file import EpisodeMeta, parse_meta
-from common.episodes.errors import EpisodeError
+from common.episodes.errors import EpisodeAccessError, EpisodeError
 from common.episodes.folder import (
     DATASET,
     EPISODES,
@@ -125,12 +125,13 @@ class DatasetStore:
         """Return a trial's index line from its file.
 
         Raises:
-            EpisodeError: the file is damaged, or its name is that of another trial.
+            EpisodeError: the file cannot be reached or is damaged, or its name is that of another
+                trial.
         """
         try:
             content = path.read_bytes()
         except OSError as error:
-            raise EpisodeError(f"cannot read {path}: {error.strerror}") from error
+            raise EpisodeAccessError(f"cannot read {path} now: {error.strerror}") from error
         if path.suffix == ".h5":
             meta = read_meta(path)
         else:
@@ -146,10 +147,13 @@ class DatasetStore:
             on_file: called after each file.
 
         Raises:
-            EpisodeError: files are damaged or of another data set, or there is no data set.
+            EpisodeError: files cannot be reached, are damaged or of another data set, or there is
+                no data set.
         """
         origin = self.config().origin()
-        lines, wrong = [], []
+        lines: list[IndexLine] = []
+        wrong: list[str] = []
+        unreachable: list[str] = []
         for path in self.files():
             try:
                 line = self.read(path)
@@ -158,9 +162,16 @@ class DatasetStore:
                         f"{path}: of another data set, here | there: {'; '.join(differences)}"
                     )
                 lines.append(line)
+            except EpisodeAccessError as error:
+                unreachable.append(str(error))
             except EpisodeError as error:
                 wrong.append(str(error))
             on_file()
+        if unreachable:
+            raise EpisodeAccessError(
+                "files that cannot be reached now; leave them where they are, mend this and give "
+                "the same command again:\n  " + "\n  ".join(unreachable)
+            )
         if wrong:
             raise EpisodeError(
                 "damaged or foreign files; move them away, and the same command makes these trials "

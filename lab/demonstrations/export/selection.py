@@ -13,8 +13,8 @@ import cv2
 import numpy as np
 
 from common.episodes.episode_file import PERIOD_NS, RATE, Episode, EpisodeMeta, Image, open_episode
-from common.episodes.errors import EpisodeError
-from common.episodes.folder import DAMAGED, EPISODES, is_dataset, read_meta, trial_files
+from common.episodes.errors import EpisodeDamagedError
+from common.episodes.folder import EPISODES, is_dataset, read_meta, trial_files
 from lab.errors import DatasetError
 
 Size = tuple[int, int]
@@ -207,30 +207,27 @@ def open_selected(selected: SelectedEpisode) -> Iterator[Episode]:
     """Open an episode for export, after a check that its frames are evenly spaced.
 
     Raises:
-        DatasetError: they are not, or the episode cannot be read to its end or written.
-        EpisodeError: the episode cannot be opened.
+        DatasetError: they are not, or the file is damaged.
+        EpisodeError: the file cannot be reached.
     """
-    with open_episode(selected.path) as episode:
-        try:
-            stamps = episode.array("time/robot_ns", slice(0, selected.frames))
-        except DAMAGED as error:
-            raise _unreadable(selected, error) from error
-        offsets = stamps - (stamps[0] + PERIOD_NS * np.arange(len(stamps)))
-        worst = int(np.argmax(np.abs(offsets)))
-        if abs(int(offsets[worst])) > round(selected.meta.frame_tolerance * 1e9):
-            raise DatasetError(
-                f"{selected.path}: expected a frame every {1000 / RATE:g} ms, but frame {worst} is "
-                f"{offsets[worst] * 1e-6:+.1f} ms off; both formats require evenly spaced frames, "
-                "so this episode cannot be exported"
-            )
-        try:
+    try:
+        with open_episode(selected.path) as episode:
+            _check_spacing(selected, episode)
             yield episode
-        except (EpisodeError, KeyError, OSError) as error:
-            raise _unreadable(selected, error) from error
+    except EpisodeDamagedError as error:
+        raise DatasetError(
+            f"{selected.path} cannot be exported: {error}; check the data set with trill collect "
+            "--check: if the file is damaged, move it away, and trill collect makes it again"
+        ) from error
 
 
-def _unreadable(selected: SelectedEpisode, error: Exception) -> DatasetError:
-    return DatasetError(
-        f"{selected.path} cannot be exported: {error}; check the data set with trill collect "
-        "--check: if the file is damaged, move it away, and trill collect makes it again"
-    )
+def _check_spacing(selected: SelectedEpisode, episode: Episode) -> None:
+    stamps = episode.array("time/robot_ns", slice(0, selected.frames))
+    offsets = stamps - (stamps[0] + PERIOD_NS * np.arange(len(stamps)))
+    worst = int(np.argmax(np.abs(offsets)))
+    if abs(int(offsets[worst])) > round(selected.meta.frame_tolerance * 1e9):
+        raise DatasetError(
+            f"{selected.path}: expected a frame every {1000 / RATE:g} ms, but frame {worst} is "
+            f"{offsets[worst] * 1e-6:+.1f} ms off; both formats require evenly spaced frames, "
+            "so this episode cannot be exported"
+        )
