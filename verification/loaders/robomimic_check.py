@@ -33,7 +33,7 @@ def expected_observations(episode: CollectedEpisode) -> dict[str, Any]:
         key = f"robot0_{limb.replace('hand', 'eef')}"
         at = [names.index(f"{limb}.{part}") for part in ("x", "y", "z")]
         turn = [names.index(f"{limb}.{part}") for part in ("qw", "qx", "qy", "qz")]
-        found |= {f"{key}_pos": poses[:, at], f"{key}_quat": poses[:, turn]}
+        found |= {f"{key}_pos": poses[:, at], f"{key}_quat_wxyz": poses[:, turn]}
     joints = episode.array("observation/joint_sin_cos")
     found["robot0_joint_pos_sin"], found["robot0_joint_pos_cos"] = joints[:, :27], joints[:, 27:]
     found["robot0_joint_vel"] = episode.array("observation/joint_velocity")

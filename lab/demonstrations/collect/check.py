@@ -193,6 +193,12 @@ def remake(store: DatasetStore, seed: int) -> str:
     changes = code[0].differences(code[1])
     if changes:
         return f"{name}: other bytes, by other code. There | here: {'; '.join(changes)}"
+    if before.meta.machine != meta.machine:
+        return (
+            f"{name}: other bytes on another kind of processor, where the last digits differ; make "
+            f"it again on one like there. There | here: {before.meta.machine or 'unknown'} | "
+            f"{meta.machine}"
+        )
     first, second = (json.loads(m.model_dump_json()) for m in (before.meta, meta))
     fields = [f"{k}: {first[k]} | {second[k]}" for k in first if first[k] != second[k]]
     return f"{name}: other bytes by the same code. There | here: {'; '.join(fields) or 'frames'}"

@@ -66,6 +66,7 @@ class DatasetStore:
         code: CodeVersion,
         accept: bool = False,
         seed: int | None = None,
+        wanted: int = 0,
     ) -> Iterator[int]:
         """Begin the data set, or continue it, as the only process that writes here.
 
@@ -74,6 +75,7 @@ class DatasetStore:
             code: the code that makes them.
             accept: whether to accept that other code made the episodes there.
             seed: seed of the first trial; None: as it was begun, 0 for a new data set.
+            wanted: number of successes that this run is to reach; an export compares with it.
 
         Returns:
             the seed of the first trial.
@@ -83,10 +85,10 @@ class DatasetStore:
             EpisodeError: another process writes here, or the folder cannot be written.
         """
         with self.locked():
-            yield self._begin(config, code, accept, seed)
+            yield self._begin(config, code, accept, seed, wanted)
 
     def _begin(
-        self, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None
+        self, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None, wanted: int
     ) -> int:
         known = read_dataset(self.root)
         if known is not None:
@@ -106,6 +108,7 @@ class DatasetStore:
                 for torn in place.glob(f"*{PART}"):
                     if torn.is_file():
                         torn.unlink()
+        file = file.model_copy(update={"wanted": wanted})
         if file != known:
             write_model(self.root / DATASET, file, EpisodeError)
         return file.first_seed
