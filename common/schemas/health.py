@@ -44,6 +44,9 @@ class LinkHealth(_Part):
     adapted: int = Field(
         default=0, ge=0, description="of another version of the schema, but readable"
     )
+    foreign: int = Field(
+        default=0, ge=0, description="from another sender than the one followed, not applied"
+    )
     refused: int = Field(ge=0, description="not decodable or not valid")
     last_refusal: str = Field(default="", max_length=400)
     link: str = Field(default="", max_length=200, description="what is injected; empty: nothing")

@@ -18,7 +18,7 @@ from common.runtime.live.clock_sync import ClockSync
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.schemas import Heartbeat, PeerHealth
 from common.topics import HEARTBEAT
-from common.transport.keys import key_of
+from common.transport.keys import is_wildcard, key_of
 from common.transport.session import tag_of
 from common.wire.codec import decode
 
@@ -203,6 +203,8 @@ def _receiver(peer: _Peer) -> Callable[[Any], None]:
     clock = time.monotonic_ns
 
     def receive(sample: Any) -> None:
+        if is_wildcard(str(sample.key_expr)):
+            return
         peer.newest = (clock(), sample.payload.to_bytes(), sample.encoding)
 
     return receive

@@ -6,7 +6,7 @@ import threading
 import time
 from typing import Any
 
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
 from common.journal.journal import Journal

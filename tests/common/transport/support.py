@@ -1,12 +1,15 @@
 """Example messages of every topic and a free range of ports."""
 
 import socket
+from typing import TypeVar
 
 import numpy as np
 
 from common import schemas
 from common.schemas import Gait, GuardMode, Header, LinkHealth, Message
 from common.schemas.operator import OperatorStatus
+
+M = TypeVar("M", bound=Message)
 
 VECTOR = np.array([0.1, -0.2, 0.3])
 QUATERNION = np.array([0.5, 0.5, -0.5, 0.5])
@@ -47,6 +50,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
         skipped=3,
         stale=4,
         adapted=7,
+        foreign=8,
         refused=2,
         link="250ms",
         requested_mean=0.25,
@@ -229,6 +233,11 @@ def examples() -> list[Message]:
             reset_count=2,
         ),
     ]
+
+
+def example_of(schema: type[M]) -> M:
+    """The first example of a schema."""
+    return next(message for message in examples() if isinstance(message, schema))
 
 
 def free_base_port(count: int = 10) -> int:

@@ -21,8 +21,9 @@ from common.topics import (
 from services.sim.config import TYPICAL_NOISE, SimConfig
 from services.sim.physics.plant import START_NS
 from services.sim.service import PlantService
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, Stander, make_command
+from .support import MS, Stander, make_command
 
 
 class Bench:

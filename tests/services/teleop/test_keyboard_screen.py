@@ -16,9 +16,10 @@ from common.topics import (
 from services.teleop.keyboard.screen import HEIGHT
 from services.teleop.keyboard.service import KeyboardOperator
 from services.teleop.targets.targets import OperatorTargets
+from tests.services.inputs import FakeInputs
 
 from .desk import Desk, FakeScreen
-from .support import Bench, FakeInputs, controller_state, plant_status
+from .support import Bench, controller_state, plant_status
 
 
 def status(finished: bool = False) -> OperatorStatus:

@@ -33,8 +33,9 @@ from services.wbc.config import WbcConfig
 from services.wbc.qp import QpData
 from services.wbc.service import WbcService
 from services.wbc.solvers import Solution, Solver
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, copy_qp
+from .support import MS, copy_qp
 
 
 @dataclass(frozen=True)

@@ -33,9 +33,10 @@ from common.wire.codec import encode
 from services.wbc.config import WbcConfig
 from services.wbc.hands import HandReference
 from services.wbc.service import LONGEST_GAP_NS, WbcService
+from tests.services.inputs import FakeInputs
 
 from .bench import Bench
-from .support import MS, FakeInputs, nominal_state, setpoint
+from .support import MS, nominal_state, setpoint
 
 CONFIG = WbcConfig(solver="daqp", stand_time=0.3)
 Sent = list[tuple[Topic[Any], Message]]
