@@ -82,6 +82,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
                 clock_error=1e-4,
             )
         ],
+        conflict="another sim",
     )
 
 
@@ -193,7 +194,7 @@ def examples() -> list[Message]:
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
         health(),
-        schemas.Heartbeat(steps=12, timeout=0.1),
+        schemas.Heartbeat(steps=12, timeout=0.1, uptime=3.5),
         schemas.StepJournal(
             service="wbc",
             first_step=7,
