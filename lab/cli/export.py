@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deploy.extras import require
+from common.packages import require
 from deploy.system import LOG_FILE, log_path
 from lab.cli.commands import Action
 

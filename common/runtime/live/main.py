@@ -32,8 +32,8 @@ from common.transport.config import BusConfig, bus_config, read_config_file
 from common.transport.options import add_bus_options
 
 ServiceFactory = Callable[[argparse.Namespace], Service]
-"""Builds a service from its parsed arguments. Beside the options, ``arguments.settings`` is its table
-in the file, and ``arguments.max_age`` has the ages [s] by topic that rule instead of the table's."""
+"""Builds a service from its parsed arguments: its options, ``settings`` (its table in the file) and
+``max_age`` (by topic, the largest ages [s] that rule instead of the table's)."""
 
 
 class OptionFormatter(argparse.ArgumentDefaultsHelpFormatter):
