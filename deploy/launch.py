@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from common.errors import ConfigError
+from common.program import signals_as_keyboard_interrupt
 from common.topics import HEALTH
 from common.transport.config import BusConfig, bus_of
 from common.transport.schema_query import discover
 from common.transport.session import BusError, open_session
 from deploy.errors import DeployError
 from deploy.ports import PortsTakenError, reserve_base_port
-from deploy.process import ProcessSpec, signals_as_keyboard_interrupt
+from deploy.process import ProcessSpec
 from deploy.supervisor import Supervisor
 from deploy.system import SystemOptions, environment, new_run_dir, robot_processes
 
