@@ -5,6 +5,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.transport.config import PORT_TABLE, BusConfig
 from deploy.errors import DeployError
 from deploy.process import ProcessSpec
 
@@ -110,9 +111,20 @@ def operator_process(*args: str, foreground: bool = False) -> ProcessSpec:
     )
 
 
-def environment(base_port: int, config: Path | None, links: str = "") -> dict[str, str]:
-    """Return the variables that make all processes of one system use the same bus and links."""
-    variables = {"TRILL_BASE_PORT": str(base_port)}
+def environment(bus: BusConfig, config: Path | None, links: str = "") -> dict[str, str]:
+    """Return the variables that make all processes of one system use the same bus and links.
+
+    They say everything by which a process could join another system, so that neither the shell's
+    variables nor the file decide about it.
+    """
+    variables = {
+        "TRILL_ROBOT": bus.robot,
+        "TRILL_MODE": bus.mode,
+        "TRILL_HOST": bus.host,
+        "TRILL_BASE_PORT": str(bus.base_port),
+        "TRILL_LISTEN": PORT_TABLE,
+        "TRILL_CONNECT": PORT_TABLE,
+    }
     if links:
         variables["TRILL_LINKS"] = links
     if config is not None:
