@@ -10,7 +10,13 @@ from common.transport.config import BusConfig, bus_of
 from deploy.ports import reserve_base_port
 from deploy.process import ProcessSpec, signals_as_keyboard_interrupt
 from deploy.supervisor import Supervisor
-from deploy.system import SystemOptions, environment, new_run_dir, robot_processes
+from deploy.system import (
+    SystemOptions,
+    check_torque_limits,
+    environment,
+    new_run_dir,
+    robot_processes,
+)
 
 Outcome = Literal[
     "completed",
@@ -67,8 +73,9 @@ def running_system(
 
     Raises:
         DeployError: the system cannot be started.
-        ConfigError: the bus configuration is wrong.
+        ConfigError: the bus configuration is wrong, or plant and controller do not fit.
     """
+    check_torque_limits(options)
     known = bus_of(options.config, base_port=base_port)
     with reserve_base_port(known.host, base_port) as port:
         # Made last, so that a wrong option leaves no empty directory.
