@@ -43,7 +43,8 @@ class PlantWatch:
         if first or reason or state.guard is GuardMode.ACTIVE:
             self._obeyed = stamp
         self._stamp, self._reset_count = stamp, state.reset_count
-        self.obstacle = self._find_obstacle(state, boot)
+        self.misfit = torque_misfit(self._torque_mode, state)
+        self.obstacle = self.misfit or self._find_obstacle(state, boot)
         if self.obstacle and not reason and stamp - self._restarted > LONGEST_GAP_NS:
             reason = self.obstacle
         if first or reason:
@@ -63,9 +64,6 @@ class PlantWatch:
         guard = state.guard
         # A controller that is not followed any more soon loses the plant to this one.
         self.bystander = guard is GuardMode.ACTIVE and state.controller_boot not in (0, boot)
-        self.misfit = torque_misfit(self._torque_mode, state)
-        if self.misfit:
-            return self.misfit
         if guard is GuardMode.ESTOP:
             return "the emergency stop is on"
         if state.fallen:

@@ -1,4 +1,4 @@
-"""Senders that should not be there: the robot keeps to its plant and its controller, and says so."""
+"""Strange senders: the robot keeps to its plant and its controller, and says so."""
 
 from collections.abc import Sequence
 
