@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from common.program import signals_as_keyboard_interrupt
 from common.transport.config import BusConfig, bus_of
 from deploy.ports import reserve_base_port
-from deploy.process import ProcessSpec, signals_as_keyboard_interrupt
+from deploy.process import ProcessSpec
 from deploy.supervisor import Supervisor
 from deploy.system import (
     SystemOptions,

@@ -1,9 +1,7 @@
 """Declare supervised processes and report how they ended."""
 
-import contextlib
 import os
 import signal
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,24 +90,3 @@ def tail(path: Path, lines: int = TAIL_LINES) -> tuple[str, ...]:
     except FileNotFoundError:
         return ()
     return tuple(line.rstrip() for line in text.splitlines() if line.strip())[-lines:]
-
-
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-@contextlib.contextmanager
-def signals_as_keyboard_interrupt() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, so that the process cleans up.
-
-    SIGINT is among them because a background process of a shell script ignores it from the start.
-    """
-
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    previous = {n: signal.signal(n, interrupt) for n in _ENDING}
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

@@ -171,11 +171,6 @@ def new_run_dir(root: Path = RUNS) -> Path:
     raise DeployError(f"too many runs at {stamp} in {root}")
 
 
-def log_path(given: Path) -> Path:
-    """Return the log file, given that or its run's directory."""
-    return given / LOG_FILE if given.is_dir() else given
-
-
 def terminal() -> bool:
     """Return whether this process's input and output are a terminal."""
     return sys.stdin.isatty() and sys.stdout.isatty()

@@ -41,6 +41,8 @@ from services.wbc.requests import RequestTracker
 
 AUTHORITY_PERIOD_NS = 100_000_000
 TARGET_PERIOD_NS = 50_000_000
+REQUESTS_PER_TICK = 50
+"""Gait requests answered in one tick: a flood of them must not stop the control loop."""
 _REMINDER_NS = 1_000_000_000
 """Time after which it is said again that the plant is another controller's, or unfit [ns]."""
 _LOG = logging.getLogger(__name__)
@@ -156,7 +158,10 @@ class WbcService(Service):
     def _take_requests(self) -> list[Output]:
         """Start new gait requests; answer repeated ones with the latest answer."""
         outputs = []
-        requests, self._requests = self._requests, []
+        requests, self._requests = (
+            self._requests[:REQUESTS_PER_TICK],
+            self._requests[REQUESTS_PER_TICK:],
+        )
         for request in requests:
             known = self._tracker.answer_to(request)
             if known is not None:

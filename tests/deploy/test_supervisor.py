@@ -276,7 +276,8 @@ def test_nothing_outlives_the_supervisor(
     script = f"""
 import sys, time
 from pathlib import Path
-from deploy.process import ProcessSpec, tail, signals_as_keyboard_interrupt
+from common.program import signals_as_keyboard_interrupt
+from deploy.process import ProcessSpec, tail
 from deploy.supervisor import SignalEscalation, Supervisor
 specs = [ProcessSpec(name, name) for name in {fakes!r}]
 quick = SignalEscalation(0.5, 0.5, 2.0)

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from common.errors import TrillError, explain
+from common.program import run_program
 from lab.progress import ProgressBar
 from verification.faults.clock_skew import ClockSkew
 from verification.faults.dead_peer import DeadPeer
@@ -69,9 +70,18 @@ def main(argv: Sequence[str] | None = None, plans: Plans = PLANS) -> int:
         chosen = [configured(known[name], arguments) for name in arguments.names or known]
     except ValidationError as error:
         command_line.error(explain(error))
+    return run_program(
+        "verification.faults",
+        lambda: run_all(chosen, arguments.out),
+        f"stopped; what has ended is in {arguments.out}",
+    )
+
+
+def run_all(plans: Sequence[FaultPlan], out: Path) -> int:
+    """Run experiments and print their verdicts; return 1 if a promise is broken."""
     width = None if sys.stdout.isatty() else _WIDTH
     console = Console(width=width, markup=False, highlight=False)
-    verdicts = {plan.name: run(plan, arguments.out, console) for plan in chosen}
+    verdicts = {plan.name: run(plan, out, console) for plan in plans}
     console.print(_verdicts(verdicts))
     return int(not all(v.kept for of_plan in verdicts.values() for v in of_plan))
 

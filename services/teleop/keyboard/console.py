@@ -153,8 +153,11 @@ class Console:
             return []
         if not has:
             self._waiting.clear()
-            if not self.stopped:
-                self.notice = f"you no longer have it: {self.claimant.waits_for()}"
+            self.notice = (
+                "the stop took the robot from you; after its end Enter takes it anew"
+                if self.stopped
+                else f"you no longer have it: {self.claimant.waits_for()}"
+            )
             return []
         self.notice = "you have the robot; Enter gives it back"
         commands = list(self._waiting)
@@ -234,6 +237,7 @@ class Console:
     def _take_or_give(self, now: float) -> None:
         if self.claimant.has_robot:
             self.claimant.release()
+            self._had_robot = False
             self.notice = "given back: whoever waits goes on"
         elif self.stopped:
             self.notice = "nobody has a stopped robot; b b ends the stop, then Enter takes it"

@@ -17,7 +17,7 @@ from verification.loaders.robomimic_check import expected_actions, expected_obse
 
 WIDTHS = {
     **dict.fromkeys(("robot0_left_eef_pos", "robot0_right_foot_pos"), 3),
-    **dict.fromkeys(("robot0_left_eef_quat", "robot0_right_foot_quat"), 4),
+    **dict.fromkeys(("robot0_left_eef_quat_wxyz", "robot0_right_foot_quat_wxyz"), 4),
     **dict.fromkeys(("robot0_joint_pos_sin", "robot0_joint_pos_cos", "robot0_joint_vel"), 27),
     **dict.fromkeys(("robot0_left_gripper_qpos", "robot0_control_state"), 1),
 }
@@ -26,9 +26,8 @@ WIDTHS = {
 def test_every_number_and_pixel_is_there(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out.hdf5"
     done: list[None] = []
-    robomimic.write(
-        select_episodes(EpisodeSelection((root,))), out, on_episode=lambda: done.append(None)
-    )
+    source = select_episodes(EpisodeSelection((root,)))
+    robomimic.write(source, out, scale_actions=False, on_episode=lambda: done.append(None))
     assert len(done) == 3
     with h5py.File(out) as file:
         assert file["data"].attrs["total"] == 3 * VERDICT
@@ -60,7 +59,7 @@ def test_keys_have_the_widths_that_their_names_say(tmp_path: Path) -> None:
     with h5py.File(out) as file:
         for key, width in WIDTHS.items():
             assert file[f"data/demo_0/obs/{key}"].shape == (VERDICT, width), key
-        names = list(file["data/demo_0/obs/robot0_right_eef_quat"].attrs["names"])
+        names = list(file["data/demo_0/obs/robot0_right_eef_quat_wxyz"].attrs["names"])
         assert names == ["qw", "qx", "qy", "qz"]
         action = list(file["data"].attrs["action_names"])
         assert action[7] == "right_hand.x"
@@ -73,9 +72,7 @@ def test_keys_have_the_widths_that_their_names_say(tmp_path: Path) -> None:
 
 def test_scaled_actions_can_be_scaled_back(tmp_path: Path) -> None:
     root, out = make(tmp_path / "d"), tmp_path / "out.hdf5"
-    robomimic.write(
-        select_episodes(EpisodeSelection((root,))), out, scale_actions=True, compress=True
-    )
+    robomimic.write(select_episodes(EpisodeSelection((root,))), out, compress=True)
     with h5py.File(out) as file:
         about = file["data"].attrs
         every = np.concatenate([file[f"data/{name}/actions"][:] for name in file["data"]])
@@ -94,7 +91,7 @@ def test_a_constant_action_is_scaled_to_zero(tmp_path: Path) -> None:
     still = rows(0)
     still.rows["action/neck"] = [0.25] * len(still)
     root, out = make(tmp_path / "d", ("success",), rows_of={0: still}), tmp_path / "out.hdf5"
-    robomimic.write(select_episodes(EpisodeSelection((root,))), out, scale_actions=True)
+    robomimic.write(select_episodes(EpisodeSelection((root,))), out)
     with h5py.File(out) as file:
         assert not file["data/demo_0/actions"][:, -1].any()
         assert file["data"].attrs["action_offset"][-1] == 0.25
