@@ -254,6 +254,12 @@ def topic_table() -> str:
 
 
 if __name__ == "__main__":
+    from common.program import run_program
     from common.queries import query_table
 
-    print(topic_table(), query_table(), sep="\n\n")
+    def main() -> int:
+        """Print both tables."""
+        print(topic_table(), query_table(), sep="\n\n")
+        return 0
+
+    raise SystemExit(run_program("common.topics", main))

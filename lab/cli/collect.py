@@ -7,7 +7,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action
 from lab.trials import options
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.trials.options import whole_number
 

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action
 from lab.cli.log_argument import add_log_argument, chosen_log
 from services.logger.record.units import parse_patterns

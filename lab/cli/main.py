@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
-from common.errors import TrillError, report
+from common.program import run_program
 from lab.cli.commands import Command, add_commands, run_chosen
 
 EPILOG = """Each command explains itself: trill demo --help. A run leaves its files in
@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Returns:
-        exit code: 0, 1 for an error of this project, 2 for wrong options, 130 after Ctrl-C.
+        exit code; see :func:`common.program.run_program`.
     """
     parser = argparse.ArgumentParser(
         prog="trill",
@@ -44,9 +44,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         epilog=EPILOG,
     )
     add_commands(parser, COMMANDS, "command", "command")
-    try:
-        return run_chosen(parser.parse_args(argv), "command")
-    except TrillError as error:
-        return report("trill", error)
-    except KeyboardInterrupt:
-        return 130
+    return run_program("trill", lambda: run_chosen(parser.parse_args(argv), "command"))

@@ -5,7 +5,7 @@ import sys
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from common.errors import TrillError
 from common.files import write_whole
+from common.packages import install_hint
 from common.transport.keys import topic_of
-from deploy.extras import install_hint
 from deploy.launch import Verdict
 from deploy.system import LOG_FILE
 from lab.errors import LabError
