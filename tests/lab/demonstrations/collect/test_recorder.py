@@ -49,7 +49,7 @@ def gaits(order: Callable[[list[Any]], Sequence[Any]]) -> list[int]:
             sent.append((TELEOP_GAIT, request))
         for topic, message in order(sent):
             stack.send(topic, message)
-    return np.array(recorder.rows.rows["action/locomotion"]).tolist()
+    return [int(gait) for gait in np.array(recorder.rows.rows["action/locomotion"])]
 
 
 @pytest.mark.parametrize("order", [list, lambda sent: sent[::-1]], ids=["after", "before"])

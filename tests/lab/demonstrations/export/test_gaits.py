@@ -16,7 +16,7 @@ WALK = [2, 3, 4, 5, 6, 7]
 
 
 def held(requests: list[int], states: list[int]) -> list[int]:
-    return held_gaits(np.array(requests), np.array(states)).tolist()
+    return [int(gait) for gait in held_gaits(np.array(requests), np.array(states))]
 
 
 def test_a_gait_is_held_until_it_has_been_walked() -> None:
