@@ -49,7 +49,9 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
     """Declare the robot's side: router, logger, plant, cameras and controller."""
     limits = _option("--torque-mode", options.torque_mode)
     seed = None if options.seed is None else str(options.seed)
-    plant = (*limits, *_option("--seed", seed), *_option("--task", options.task))
+    # A plant that is restarted comes up stopped again.
+    latch = ("--latch-file", str(run_dir / "estop.json"))
+    plant = (*limits, *_option("--seed", seed), *_option("--task", options.task), *latch)
     return [
         ProcessSpec(
             "router",
@@ -140,11 +142,6 @@ def new_run_dir(root: Path = RUNS) -> Path:
             ) from error
         return path
     raise DeployError(f"too many runs at {stamp} in {root}")
-
-
-def log_path(given: Path) -> Path:
-    """Return the log file, given that or its run's directory."""
-    return given / LOG_FILE if given.is_dir() else given
 
 
 def terminal() -> bool:

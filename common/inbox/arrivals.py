@@ -13,8 +13,8 @@ from common.wire.header import wire_header
 
 LATEST_BACKLOG = 32
 """Payloads of a latest-value topic kept for a service that does not read."""
-EVENT_BACKLOG = 256
-"""The same for an event topic."""
+EVENT_BACKLOG = 4096
+"""The same for an event topic, where each one matters: a thousand at one instant are all kept."""
 LINK_BACKLOG = 4096
 """The same in front of a delay line, which must see every arrival."""
 NEVER = 2**63

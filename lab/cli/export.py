@@ -5,8 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.packages import require
-from deploy.system import LOG_FILE, log_path
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
+from services.logger.record.units import parse_patterns
 
 if TYPE_CHECKING:
     from services.logger.export.convert import Summary
@@ -34,7 +35,7 @@ converted too."""
 EXPORT_EXAMPLES = """examples:
   trill export runs/20260131-120000                     writes log-exported.mcap beside the log
   trill export runs/20260131-120000 -o walk.mcap --force
-  trill export log.mcap --topics 'camera/*' plant/state
+  trill export --topics 'camera/*,plant/state' log.mcap
 """
 VIEW = """Open a log in Rerun: robot in 3D, both cameras, set-points, joints, controller states,
 errors, ages of the inputs and events on one time line. Needs Rerun: pip install '.[view]'
@@ -52,16 +53,17 @@ _EXPORT_PACKAGES = ("foxglove_schemas_protobuf", "rosbags", "cv2")
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill export``."""
-    _log_argument(parser)
+    add_log_argument(parser)
     parser.add_argument(
         "-o", "--out", type=Path, help="file to write (<log>-exported.mcap beside the log)"
     )
     parser.add_argument(
         "--topics",
-        nargs="+",
-        default=[],
-        metavar="TOPIC",
-        help="only these topics of the log, without the robot's name; * and ? are wildcards",
+        type=parse_patterns,
+        default=(),
+        metavar="PATTERNS",
+        help="only these topics, without the robot's name, separated by commas or blanks, e.g. "
+        "'camera/*,plant/state'",
     )
     parser.add_argument("--force", action="store_true", help="replace an existing file")
 
@@ -72,7 +74,7 @@ def export(arguments: argparse.Namespace) -> int:
     from lab.progress import ProgressBar
     from services.logger.export.convert import export_log
 
-    log = log_path(arguments.log)
+    log = chosen_log(arguments.log, tell=False)
     out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
     with ProgressBar("converting") as bar:
         summary = export_log(
@@ -84,7 +86,7 @@ def export(arguments: argparse.Namespace) -> int:
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill view``."""
-    _log_argument(parser)
+    add_log_argument(parser)
     parser.add_argument("--web", action="store_true", help="serve it to a browser on this machine")
     parser.add_argument("--port", type=int, default=0, help="port for --web (any free one)")
     parser.add_argument(
@@ -100,7 +102,7 @@ def view(arguments: argparse.Namespace) -> int:
 
     with ProgressBar("converting") as bar:
         path, summary = rerun.prepare(
-            log_path(arguments.log), fresh=arguments.fresh, on_progress=bar.show
+            chosen_log(arguments.log), fresh=arguments.fresh, on_progress=bar.show
         )
     if summary is not None:
         print("\n".join(_remarks(summary)))
@@ -129,10 +131,6 @@ def _remarks(summary: "Summary") -> list[str]:
         for name, (count, reason) in sorted(summary.left_out.items())
     ]
     return left + [f"note           {remark}" for remark in summary.remarks]
-
-
-def _log_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, metavar="LOG", help=f"{LOG_FILE}, or a run's directory")
 
 
 def _print_address(url: str) -> None:

@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from common.files import whole_file
 from services.logger.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
-from services.logger.read.wall_clock import Times
+from services.logger.read.sender_clocks import Times
 
 METADATA = "trill"
 """Name of the file's metadata record: what it was made from."""

@@ -29,12 +29,12 @@ from common.schemas import (
     Setpoint,
 )
 from services.logger.export import ros, spatial
-from services.logger.export.events import event_line
 from services.logger.export.fields import to_protobuf
 from services.logger.export.links import link_plot
 from services.logger.export.robot import Frame, RobotModel
 from services.logger.export.samples import Sample, protobuf_sample
-from services.logger.read.wall_clock import Times
+from services.logger.read.events import EventLines
+from services.logger.read.sender_clocks import Times
 
 TRANSFORM_PERIOD_NS = 20_000_000
 """Robot time between transforms [ns]."""
@@ -54,6 +54,7 @@ class Routes:
         """Without a ``robot`` model, leave out link transforms, shapes and measured hands."""
         self._robot = robot
         self._last_transform: int | None = None
+        self._events = EventLines()
         self._table: dict[str, tuple[Convert, ...]] = {
             topics.PLANT_STATE.name: (_fields, _measured_joints, self._body),
             topics.PLANT_TRUTH.name: (_fields, _true_base),
@@ -64,6 +65,7 @@ class Routes:
             topics.HEALTH.name: (_fields, _links),
             topics.TASK_SCENE.name: (_fields, _scene),
         }
+        self._others = (_fields, self._event)
 
     def __call__(self, topic: str, name: str, message: Any, times: Times) -> Iterator[Sample]:
         """Yield the samples to write for a message of ``topic``, the row of the topic table.
@@ -73,7 +75,7 @@ class Routes:
         Raises:
             ExportError: the message cannot be converted.
         """
-        for convert in self._table.get(topic, (_fields, _event)):
+        for convert in self._table.get(topic, self._others):
             yield from convert(name, message, times)
 
     def _body(self, _: str, state: PlantState, times: Times) -> Iterator[Sample]:
@@ -98,6 +100,11 @@ class Routes:
                     f"/hands/{side}/measured", times.stamp, BODY_FRAME, *robot.in_body(site)
                 )
         yield spatial.frame_transforms("/tf", times.stamp, frames)
+
+    def _event(self, name: str, message: Any, times: Times) -> Iterator[Sample]:
+        text, warning = self._events.line(message)
+        if text:
+            yield spatial.log_line("/events", times.stamp, name, text, warning=warning)
 
     def _due(self, stamp: int) -> bool:
         last = self._last_transform
@@ -162,9 +169,3 @@ def _scene(_: str, scene: SceneState, times: Times) -> Iterator[Sample]:
         for one in (*scene.objects, *scene.marks)
     ]
     yield spatial.frame_transforms("/scene", times.stamp, frames)
-
-
-def _event(name: str, message: Any, times: Times) -> Iterator[Sample]:
-    text, warning = event_line(message)
-    if text:
-        yield spatial.log_line("/events", times.stamp, name, text, warning=warning)

@@ -207,6 +207,19 @@ class HeadsetMapper:
         self._held: frozenset[Button] = frozenset(Button)
         self._last: float | None = None
 
+    def adopt(self, setpoint: Setpoint) -> None:
+        """Continue from another's set-point; a clutch that is held engages anew from there."""
+        poses = {
+            "left": (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
+            "right": (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
+        }
+        closures = np.clip(setpoint.gripper_closure, 0.0, 1.0).tolist()
+        for (side, (position, quaternion)), closure in zip(poses.items(), closures, strict=True):
+            hand = self.hands[side]
+            hand.target, hand.closure = Pose(position, quaternion), closure
+            hand.release()
+        self.neck = setpoint.neck_pitch
+
     def update(self, device: DeviceInput | None, now: float) -> list[GaitRequest]:
         """Apply a sample and return the gaits that it requests.
 

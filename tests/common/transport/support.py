@@ -32,6 +32,7 @@ def plant_state(seq: int = 0, boot: int = 1, source: str = "sim") -> schemas.Pla
         guard=GuardMode.HOLD,
         fallen=True,
         controller_boot=2**61,
+        torque_mode="rated",
     )
 
 
@@ -126,6 +127,7 @@ def examples() -> list[Message]:
             stops=2,
             stopped_by="keyboard",
             stop_reason="smoke",
+            divergences=1,
         ),
         schemas.PlantRequest(
             action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2, seed=5
@@ -168,6 +170,7 @@ def examples() -> list[Message]:
             solver="proxqp",
             unsolved=1,
             setpoint_stamp=1_250_000_000,
+            obstacle="another controller has the plant",
         ),
         schemas.GaitReply(
             request_id=5,
@@ -184,7 +187,7 @@ def examples() -> list[Message]:
             gripper_closure=PAIR,
             neck_pitch=0.3,
         ),
-        schemas.GaitRequest(request_id=9, gait=Gait.SIDE_RIGHT),
+        schemas.GaitRequest(request_id=9, gait=Gait.SIDE_RIGHT, controller_boot=2**58),
         device_input(),
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),

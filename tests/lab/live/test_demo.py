@@ -91,12 +91,14 @@ def test_the_process_list_follows_the_options() -> None:
     specs = {s.name: s for s in robot_processes(SystemOptions(torque_mode="rated"), Path("r"))}
     assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
     assert specs["wbc"].args == ("--torque-mode", "rated")
-    assert specs["sim"].args == ("--torque-mode", "rated")
+    latch = ("--latch-file", "r/estop.json")
+    assert specs["sim"].args == ("--torque-mode", "rated", *latch)
     task = robot_processes(SystemOptions(task="door/unlock", seed=7), Path("r"))
     (plant,) = (spec.args for spec in task if spec.name == "sim")
-    assert plant == ("--seed", "7", "--task", "door/unlock")
+    assert plant == ("--seed", "7", "--task", "door/unlock", *latch)
     # A configuration file decides what no option says.
-    assert all(spec.args == () for spec in robot_processes(SystemOptions(), Path("r"))[2:])
+    bare = robot_processes(SystemOptions(), Path("r"))
+    assert [spec.args for spec in bare[2:]] == [latch, (), ()]
     assert specs["logger"].args == ("--out", "r")
     assert not specs["cameras"].essential
     assert not specs["router"].essential

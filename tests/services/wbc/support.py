@@ -7,7 +7,17 @@ from numpy.typing import NDArray
 
 from common.robot import frames, joints
 from common.runtime.service import Inputs
-from common.schemas import Gait, Header, Message, PlantState, Sender, Setpoint
+from common.schemas import (
+    Gait,
+    GaitRequest,
+    Header,
+    Message,
+    OperatorClaim,
+    OperatorKind,
+    PlantState,
+    Sender,
+    Setpoint,
+)
 from common.topics import Topic
 from services.wbc.qp import QpData
 from services.wbc.robot_model import RobotState
@@ -18,6 +28,7 @@ M = TypeVar("M", bound=Message)
 G = joints.MOTOR_TO_JOINT
 GAITS = tuple(gait for gait in Gait if gait is not Gait.NONE)
 MS = 1_000_000
+OPERATOR = Sender("teleop", 1)
 
 
 def make_state(
@@ -93,11 +104,13 @@ def setpoint(
     right: Array | None = None,
     closure: tuple[float, float] = (0.0, 0.0),
     neck: float = 0.0,
+    sender: Sender = OPERATOR,
 ) -> Setpoint:
     """Hands pointing ahead at the given places in the body frame, by default the nominal ones."""
     places = [np.array(frames.NOMINAL_HAND_IN_BODY[side]) for side in ("left", "right")]
     ahead = np.array(frames.FORWARD_HAND_IN_BODY)
     return Setpoint(
+        header=Header(source=sender.source, boot=sender.boot),
         left_hand_position_in_body=places[0] if left is None else left,
         left_hand_quaternion_in_body=ahead,
         right_hand_position_in_body=places[1] if right is None else right,
@@ -105,6 +118,29 @@ def setpoint(
         gripper_closure=np.array(closure),
         neck_pitch=neck,
     )
+
+
+def request(
+    request_id: int, gait: Gait = Gait.FORWARD, sender: Sender = OPERATOR, controller_boot: int = 0
+) -> GaitRequest:
+    header = Header(source=sender.source, boot=sender.boot)
+    return GaitRequest(
+        header=header, request_id=request_id, gait=gait, controller_boot=controller_boot
+    )
+
+
+def claim(
+    seq: int,
+    sender: Sender = OPERATOR,
+    kind: OperatorKind = OperatorKind.SCRIPT,
+    *,
+    wants: bool = True,
+    act: int = 1,
+    holding: bool = True,
+) -> OperatorClaim:
+    """By default one that believes to have the robot, so that a new controller gives it at once."""
+    header = Header(seq=seq, source=sender.source, boot=sender.boot)
+    return OperatorClaim(header=header, kind=kind, wants=wants, act=act, holding=holding)
 
 
 class FakeInputs(Inputs):
