@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 
 from common.errors import TrillError
-from deploy.system import RUNS, log_path, new_run_dir
+from deploy.system import RUNS, new_run_dir
 from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
 
 RECORD = """Record every message on the bus of a running system until Ctrl-C. Beside the robot no
 option is needed. From another machine --connect is enough: the recorder asks for the robot's name
@@ -76,6 +77,9 @@ def _record(arguments: argparse.Namespace) -> int:
         "--compression": arguments.compression,
         "--rotate-size": arguments.rotate_size,
         "--rotate-every": arguments.rotate_every,
+        "--keep-size": arguments.keep_size,
+        "--keep-segments": arguments.keep_segments,
+        "--min-free": arguments.min_free,
         "--topics": arguments.topics,
         "--exclude": arguments.exclude,
     }
@@ -87,7 +91,7 @@ def _record(arguments: argparse.Namespace) -> int:
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, help=f"a run's directory, in {RUNS}/ as a rule, or a log")
+    add_log_argument(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -95,7 +99,7 @@ def _info(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import as_json, info_lines
     from services.logger.read.info import read_info
 
-    info = read_info(log_path(arguments.log))
+    info = read_info(chosen_log(arguments.log, tell=False))
     if arguments.json:
         print(json.dumps(as_json(info), indent=2))
     else:
@@ -104,7 +108,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _repair_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, help="a run's directory or a log, with all its segments")
+    add_log_argument(parser)
     parser.add_argument("--out", type=Path, help="write here and leave the log unchanged")
     parser.add_argument(
         "--discard-original", action="store_true", help="do not keep the broken file as .broken"
@@ -114,12 +118,15 @@ def _repair_arguments(parser: argparse.ArgumentParser) -> None:
 def _repair(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import repair_lines
     from lab.progress import ProgressBar
-    from services.logger.read.segments import existing_segments, segment
+    from services.logger.read.segments import existing_segments
     from services.logger.repair.repair import repair
 
     code = 0
-    for number, path in enumerate(existing_segments(log_path(arguments.log)), start=1):
-        out = None if arguments.out is None else segment(arguments.out, number)
+    first = chosen_log(arguments.log)
+    for path in existing_segments(first):
+        # The copies keep the numbers of the segments, so that a missing one stays missing.
+        end = path.stem.removeprefix(first.stem)
+        out = arguments.out and arguments.out.with_stem(f"{arguments.out.stem}{end}")
         try:
             with ProgressBar(path.name) as bar:
                 done = repair(

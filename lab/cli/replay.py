@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from common.transport.config import split_list
-from deploy.system import log_path
 from lab.cli.bus import add_config_option, add_connect_option, chosen_bus
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
+from services.logger.record.units import parse_patterns
 
 TEXT = """Replay a log, in one of two ways.
 
@@ -36,7 +36,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill replay``."""
-    parser.add_argument("log", type=Path, help="log.mcap, or the directory of its run")
+    add_log_argument(parser)
     parser.add_argument(
         "--from",
         dest="start",
@@ -98,10 +98,10 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
     play.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
     play.add_argument(
         "--topics",
-        type=split_list,
+        type=parse_patterns,
         default=(),
-        metavar="NAMES",
-        help="only these, separated by commas, e.g. camera/* (all)",
+        metavar="PATTERNS",
+        help="only these, separated by commas or blanks, e.g. 'camera/*,plant/state' (all)",
     )
     play.add_argument(
         "--as",
@@ -134,7 +134,7 @@ def run(arguments: argparse.Namespace) -> int:
             (arguments.start, arguments.end),
             arguments.topics,
         )
-        return play(log_path(arguments.log), published)
+        return play(chosen_log(arguments.log), published)
     _refuse_given(arguments, ("loop", "topics", "robot", "connect"), "is for publishing only")
     from lab.logs.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
     from lab.logs.replay_report import check, show_runs
@@ -145,8 +145,9 @@ def run(arguments: argparse.Namespace) -> int:
             f"--service: expected one of {', '.join(SERVICES)}, got {', '.join(sorted(unknown))}"
         )
     try:
+        log = chosen_log(arguments.log)
         if arguments.list:
-            return show_runs(log_path(arguments.log))
+            return show_runs(log)
         options = CheckOptions(
             tuple(dict.fromkeys(arguments.service)),
             arguments.run,
@@ -156,7 +157,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.out,
             arguments.verbose,
         )
-        return check(log_path(arguments.log), options)
+        return check(log, options)
     except TrillError as error:
         print(f"trill replay: {error}", file=sys.stderr)
         return 2

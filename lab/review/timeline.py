@@ -102,8 +102,10 @@ class Timeline:
     commanded: dict[Gait, Pose2] = field(default_factory=commanded_motions)
 
     _scene_state: SceneState | None = None
-    _accepted: dict[int, int] = field(default_factory=dict)
-    """Index of the acceptance of each gait under way, by request id."""
+    _accepted: dict[tuple[int, int], int] = field(default_factory=dict)
+    """Index of the acceptance of each gait under way, by boot id of its requester and number."""
+    _seconds: list[float] = field(default_factory=list)
+    """Robot time at each ground truth, as far as it was asked for [s]."""
     _unattended: set[tuple[int, int]] = field(default_factory=set)
     """Trials that passed before an operator came."""
 
@@ -130,9 +132,9 @@ class Timeline:
                     self.labels.append((now, message.label))
             case GaitReply(outcome=GaitOutcome.ACCEPTED):
                 # A request that is sent again while its gait is under way is accepted again.
-                self._accepted.setdefault(message.request_id, now)
+                self._accepted.setdefault((message.requester_boot, message.request_id), now)
             case GaitReply(outcome=GaitOutcome.COMPLETED):
-                start = self._accepted.pop(message.request_id, None)
+                start = self._accepted.pop((message.requester_boot, message.request_id), None)
                 if start is not None:
                     self.gaits.append(GaitSpan(start, now, message.gait))
             case PlantStatus(fallen=True) if self.fall is None:
@@ -170,8 +172,15 @@ class Timeline:
         return [(self.scene_states[i] if i < known else None) or first for i in indices]
 
     def seconds_at(self, index: int) -> float:
-        """Return the robot time from the first ground truth to that at ``index`` [s]."""
-        return (self.truth[index].header.stamp - self.truth[0].header.stamp) * 1e-9
+        """Return the robot time from the first ground truth to that at ``index`` [s].
+
+        It goes on where the plant was restarted or reset.
+        """
+        while len(self._seconds) <= index:
+            number = len(self._seconds)
+            passed = _seconds_between(*self.truth[number - 1 : number + 1]) if number else 0.0
+            self._seconds.append((self._seconds[-1] if number else 0.0) + passed)
+        return self._seconds[index]
 
     def label_at(self, index: int) -> str:
         """Return the operator's label at ``index``; empty before the first one."""
@@ -212,9 +221,18 @@ def _task_state(status: TaskStatus) -> tuple[object, ...]:
     )
 
 
+def _seconds_between(before: PlantState, state: PlantState) -> float:
+    """Return the robot time from one ground truth to the next [s]; 0 if it began anew."""
+    if (before.header.boot, before.reset_count) != (state.header.boot, state.reset_count):
+        return 0.0
+    return 1e-9 * (state.header.stamp - before.header.stamp)
+
+
 def _is_due(truth: Sequence[PlantState], message: PlantState) -> bool:
-    """Return whether a period of :data:`RATE` has passed, or a reset set robot time back."""
+    """Return whether a period of :data:`RATE` has passed, or robot time began anew."""
     if not truth:
+        return True
+    if message.header.boot != truth[-1].header.boot:
         return True
     elapsed = (message.header.stamp - truth[-1].header.stamp) * 1e-9
     return elapsed < 0.0 or elapsed >= 0.95 / RATE

@@ -3,7 +3,7 @@
 import contextlib
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,8 @@ from services.logger.read.locks import is_locked
 from services.logger.read.mcap_file import open_mcap
 from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import recover
-from services.logger.read.segments import existing_segments
-from services.logger.read.wall_clock import WallClock
+from services.logger.read.segments import find_segments
+from services.logger.read.time_line import Pause, TimeLine
 
 
 @dataclass(frozen=True)
@@ -42,8 +42,10 @@ class SegmentInfo:
         whole: whether it has its end.
         repaired: whether `trill repair` wrote it.
         open: whether it is being recorded, or repaired, at this moment.
-        start_ns: arrival of the first message, monotonic clock [ns].
-        end_ns: arrival of the last message, monotonic clock [ns].
+        start_ns: arrival of the first message, on the recording's clock [ns].
+        end_ns: arrival of the last message, on the recording's clock [ns].
+        shift_ns: the recording's clock minus the segment's monotonic clock [ns].
+        wall_offset_ns: wall clock minus the segment's monotonic clock [ns]; None: not known.
         origin: how the recording was made, from the file's first metadata record.
     """
 
@@ -55,6 +57,8 @@ class SegmentInfo:
     open: bool
     start_ns: int
     end_ns: int
+    shift_ns: int
+    wall_offset_ns: int | None
     origin: dict[str, str]
 
     @property
@@ -62,31 +66,42 @@ class SegmentInfo:
         """Id that the segments written by one process have in common."""
         return self.origin.get("session", str(self.path))
 
-    def wall_ns(self, monotonic_ns: int) -> int:
-        """Return the wall-clock time [ns since 1970] of a monotonic one; 0 if it is not known."""
-        clock = WallClock.of(self.origin)
-        return monotonic_ns + clock.offset if clock.known else 0
+    def wall_ns(self, time_ns: int) -> int:
+        """Convert from the recording's clock to the wall clock [ns since 1970]; 0: not known."""
+        if self.wall_offset_ns is None:
+            return 0
+        return time_ns - self.shift_ns + self.wall_offset_ns
 
 
 @dataclass(frozen=True)
 class TopicInfo:
-    """One key of a recording: messages in the files, delivery counts, schema names."""
+    """One key of a recording.
+
+    Attributes:
+        key: Zenoh key.
+        messages: number of messages in the files.
+        count: delivery counts; times are on the recording's clock.
+        schemas: names of the schemas.
+        seconds: time from the first to the last message, added up over the sessions [s].
+        sessions: number of sessions that recorded messages of it.
+    """
 
     key: str
     messages: int
     count: DeliveryCount
     schemas: tuple[str, ...]
+    seconds: float = 0.0
+    sessions: int = 1
 
     @property
     def rate(self) -> float:
-        """Arrivals per second from the first to the last [Hz]; 0 for fewer than two."""
-        seconds = 1e-9 * (self.count.last_ns - self.count.first_ns)
-        return (self.messages - 1) / seconds if seconds > 0 else 0.0
+        """Arrivals per second while it was recorded [Hz]; 0 for fewer than two."""
+        return (self.messages - self.sessions) / self.seconds if self.seconds > 0 else 0.0
 
 
 @dataclass(frozen=True)
 class LinkInfo:
-    """A change of an injected link, with the arrival of its message [ns, monotonic]."""
+    """A change of an injected link, with the arrival of its message, recording's clock [ns]."""
 
     at_ns: int
     change: LinkChange
@@ -102,6 +117,8 @@ class LogInfo:
         boots: boot ids of each service, in order of appearance.
         episodes: in order of start.
         links: changes of injected links, in order.
+        pauses: where nobody recorded for long.
+        remarks: what else a reader should know, a sentence each.
     """
 
     segments: list[SegmentInfo]
@@ -109,6 +126,14 @@ class LogInfo:
     boots: dict[str, list[int]] = field(default_factory=dict)
     episodes: list[Episode] = field(default_factory=list)
     links: list[LinkInfo] = field(default_factory=list)
+    pauses: list[Pause] = field(default_factory=list)
+    remarks: list[str] = field(default_factory=list)
+
+    @property
+    def seconds(self) -> float:
+        """Time from the first message to the last on the recording's clock [s]."""
+        filled = [segment for segment in self.segments if segment.messages]
+        return 1e-9 * (filled[-1].end_ns - filled[0].start_ns) if filled else 0.0
 
     @property
     def whole(self) -> bool:
@@ -130,20 +155,24 @@ def read_info(path: Path) -> LogInfo:
     Raises:
         LoggerError: there is no log.
     """
-    paths = [one for one in existing_segments(path) if not one.exists() or one.stat().st_size]
+    found = find_segments(path)
+    paths = [one for one in found.paths if not one.exists() or one.stat().st_size]
     indexes = [read_index(one) for one in paths]
     if not indexes:
-        raise LoggerError(f"cannot open the log {path}: there is no such file, or it is empty")
-    info = LogInfo([_segment_info(index) for index in indexes])
-    counts: dict[str, DeliveryCount] = {}
+        raise LoggerError(f"{path} is not an MCAP log: it is empty")
+    line = TimeLine()
+    info = LogInfo([_segment_info(index, line) for index in indexes], remarks=found.remarks())
+    info.pauses = line.pauses
+    counts: dict[str, list[DeliveryCount]] = {}
     # The statistics in a process's last segment cover those before it.
-    last_of_session = {s.session: i for s, i in zip(info.segments, indexes, strict=True)}
-    for index in last_of_session.values():
+    last_of_session = {s.session: (s, i) for s, i in zip(info.segments, indexes, strict=True)}
+    for segment, index in last_of_session.values():
         delivery = _delivery_stats(index)
         for key, count in delivery.report().items():
-            known = counts.get(key)
-            # Before a later session were mostly messages that an earlier one recorded.
-            counts[key] = count if known is None else replace(known + count, earlier=known.earlier)
+            times = (count.first_ns + segment.shift_ns, count.last_ns + segment.shift_ns)
+            first_ns, last_ns = times if count.last_ns else (0, 0)
+            placed = replace(count, first_ns=first_ns, last_ns=last_ns)
+            counts.setdefault(key, []).append(placed)
         for streams in delivery.streams().values():
             for source, boot in streams:
                 boots = info.boots.setdefault(source, [])
@@ -152,8 +181,8 @@ def read_info(path: Path) -> LogInfo:
     info.topics = _topics(indexes, counts)
     info.episodes = _episodes(info.segments, indexes)
     info.links = [
-        LinkInfo(at_ns, change)
-        for index in indexes
+        LinkInfo(at_ns + segment.shift_ns, change)
+        for segment, index in zip(info.segments, indexes, strict=True)
         for at_ns, change in _decoded(index, LINK_CHANGE)
         if isinstance(change, LinkChange)
     ]
@@ -168,11 +197,16 @@ def read_episodes(paths: Iterable[Path]) -> list[Episode]:
             indexes.append(read_index(path))
         except LoggerError:
             continue
-    return _episodes([_segment_info(index) for index in indexes], indexes)
+    line = TimeLine()
+    return _episodes([_segment_info(index, line) for index in indexes], indexes)
 
 
-def _segment_info(index: LogIndex) -> SegmentInfo:
-    origins = index.metadata_named(START_METADATA)
+def _segment_info(index: LogIndex, line: TimeLine) -> SegmentInfo:
+    origin = next(iter(index.metadata_named(START_METADATA)), {})
+    start_ns = end_ns = 0
+    if index.places:
+        line.begin_segment(index.path.name, origin)
+        start_ns, end_ns = line.place(index.start_ns), line.place(index.end_ns)
     return SegmentInfo(
         path=index.path,
         size=index.size,
@@ -180,9 +214,11 @@ def _segment_info(index: LogIndex) -> SegmentInfo:
         whole=index.whole,
         repaired=bool(index.metadata_named(REPAIR_METADATA)),
         open=not index.whole and is_locked(index.path),
-        start_ns=index.start_ns,
-        end_ns=index.end_ns,
-        origin=origins[0] if origins else {},
+        start_ns=start_ns,
+        end_ns=end_ns,
+        shift_ns=line.shift_ns,
+        wall_offset_ns=line.wall_offset_ns,
+        origin=origin,
     )
 
 
@@ -199,7 +235,10 @@ def _delivery_stats(index: LogIndex) -> DeliveryStats:
     return rebuilt.stats
 
 
-def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> list[TopicInfo]:
+def _topics(
+    indexes: Sequence[LogIndex], counts: Mapping[str, Sequence[DeliveryCount]]
+) -> list[TopicInfo]:
+    """Return the topics; ``counts`` has those of each session by key."""
     messages: Counter[str] = Counter()
     schemas: dict[str, dict[str, None]] = {}
     for index in indexes:
@@ -210,9 +249,23 @@ def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> li
             if schema is not None:
                 names[schema.name] = None
     return [
-        TopicInfo(key, messages[key], counts.get(key, DeliveryCount()), tuple(schemas.get(key, ())))
+        TopicInfo(
+            key,
+            messages[key],
+            _added(counts.get(key, ())),
+            tuple(schemas.get(key, ())),
+            seconds=1e-9 * sum(one.last_ns - one.first_ns for one in counts.get(key, ())),
+            sessions=len(counts.get(key, ())),
+        )
         for key in sorted({*messages, *counts})
     ]
+
+
+def _added(sessions: Sequence[DeliveryCount]) -> DeliveryCount:
+    if not sessions:
+        return DeliveryCount()
+    # Before a later session were mostly messages that an earlier one recorded.
+    return replace(sum(sessions, DeliveryCount()), earlier=sessions[0].earlier)
 
 
 def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> list[Episode]:
@@ -228,10 +281,10 @@ def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> l
         previous = segment
         for at_ns, mark in _decoded(index, EPISODE):
             if isinstance(mark, EpisodeMark):
-                book.observe(mark, at_ns)
+                book.observe(mark, at_ns + segment.shift_ns)
         for end in index.metadata_named(END_METADATA):
             with contextlib.suppress(ValueError, KeyError):
-                book.close(int(end["monotonic_ns"]))
+                book.close(int(end["monotonic_ns"]) + segment.shift_ns)
     if previous is not None and previous.repaired:
         book.close(previous.end_ns)
     return book.finished if book.open is None else [*book.finished, book.open]

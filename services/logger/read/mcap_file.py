@@ -145,6 +145,9 @@ class McapFile:
             yield from split_records(
                 self.chunk_data(span) if span.complete else self._start_of_chunk_data(span)
             )
+        elif span.opcode == Opcode.MESSAGE:
+            # Outside chunks, as other writers may have it.
+            yield from split_records(self.bytes_of(span.start, span.end))
         elif span.opcode in _PARSED:
             try:
                 record = parse_record(self.bytes_of(span.start, span.end))
