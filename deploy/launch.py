@@ -18,7 +18,13 @@ from deploy.errors import DeployError
 from deploy.ports import PortsTakenError, reserve_base_port
 from deploy.process import ProcessSpec
 from deploy.supervisor import Supervisor
-from deploy.system import SystemOptions, environment, new_run_dir, robot_processes
+from deploy.system import (
+    SystemOptions,
+    check_torque_limits,
+    environment,
+    new_run_dir,
+    robot_processes,
+)
 
 _LOOK_S = 0.7
 """Time to find the services that use wanted ports, and for their answers [s]."""
@@ -78,8 +84,9 @@ def running_system(
 
     Raises:
         DeployError: the system cannot be started.
-        ConfigError: the bus configuration is wrong.
+        ConfigError: the bus configuration is wrong, or plant and controller do not fit.
     """
+    check_torque_limits(options)
     known = bus_of(options.config, base_port=base_port)
     wanted = known.base_port if "base_port" in known.model_fields_set else None
     own, ignored = own_bus(known)

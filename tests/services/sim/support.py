@@ -5,12 +5,15 @@ from typing import Any
 import numpy as np
 
 from common.plant.fallback import HOLD_DAMPING, HOLD_STIFFNESS
+from common.plant.limits import STIFFNESS_MAX
 from common.robot.joints import NOMINAL_POSITION
 from common.schemas import Header, JointCommand, PlantState
 from services.sim.physics.plant import Plant
 from services.sim.physics.stance import standing_torque
 
 MS = 1_000_000
+STIFF = np.minimum(HOLD_STIFFNESS, STIFFNESS_MAX)
+"""(27,) the stiffness of a hold, as far as a command may ask for it [N·m/rad]."""
 
 
 def make_command(stamp_ns: int, **changes: Any) -> JointCommand:
@@ -40,7 +43,7 @@ class Stander:
             state.header.stamp,
             position=self._position,
             torque=self._torque,
-            stiffness=HOLD_STIFFNESS,
+            stiffness=STIFF,
             damping=HOLD_DAMPING,
         )
 
