@@ -66,7 +66,7 @@ def format_line(view: Snapshot) -> str:
 
 
 def warnings(view: Snapshot) -> list[str]:
-    """Return what a person should mend: services that are doubled, and whom their readers ignore."""
+    """Return what a person should mend: doubled services, and whom their readers ignore."""
     alive = [row.health for row in view.services if row.alive]
     lines = [
         f"{health.service}: {health.conflict} is on the bus too; stop one"
