@@ -105,7 +105,7 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
         report |= _compare_later(data, roots, low)
     report |= _split(export, low)
     if train:
-        report |= run_scripts(export, later=later)
+        report |= run_scripts(export, later=later, scaled=_about_actions(export)[0] is not None)
         report["loss, low-dimensional BC-RNN"] = _train(export, low, [])
         if rgb:
             report["loss, BC-RNN with pictures"] = _train(export, low, list(rgb.values()), 2, 2)

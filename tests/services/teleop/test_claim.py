@@ -14,8 +14,9 @@ from common.schemas import (
 from common.schemas.operator import Gait
 from common.topics import WBC_AUTHORITY
 from services.teleop.claim import PATIENCE, Claimant, own_replies
+from tests.services.inputs import FakeInputs
 
-from .support import BOOT, FakeInputs, authority
+from .support import BOOT, authority
 
 ME = Sender("me", BOOT)
 MINE = authority("me", BOOT)
