@@ -61,6 +61,10 @@ def test_a_suspended_machine_moves_the_wall_clock_only() -> None:
     line = joined(origin("a"), origin("b", at=201 * S, slept=7200 * S), 200 * S, 201 * S)
     assert line.pauses[0].real_ns == 7201 * S
     assert line.wall_offset_ns == WALL + 7200 * S
+    # Also while one process recorded, for which the time passed at once.
+    line = joined(origin("a"), origin("a", at=201 * S, slept=7200 * S), 200 * S, 201 * S)
+    assert (line.pauses, line.shift_ns) == ([], 0)
+    assert line.wall_offset_ns == WALL + 7200 * S
 
 
 def test_another_boot_goes_on_where_the_first_ended() -> None:
