@@ -31,10 +31,13 @@ from common.topics import (
     PLANT_STATUS,
     TASK_SCENE,
     TASK_STATUS,
+    TELEOP_CLAIM,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
+    WBC_AUTHORITY,
     WBC_REPLY,
     WBC_STATE,
+    WBC_TARGET,
 )
 
 LAYERS = ";;"
@@ -44,12 +47,21 @@ CAMERAS = frozenset({CAMERA_LEFT.name, CAMERA_RIGHT.name})
 """Topics of the stereo pair, which are delayed and lost alike."""
 
 _TOPICS = frozenset(topic.name for topic in ALL_TOPICS)
-_OBSERVED = (PLANT_STATE, PLANT_STATUS, TASK_SCENE, TASK_STATUS, WBC_STATE, WBC_REPLY)
+_OBSERVED = (
+    PLANT_STATE,
+    PLANT_STATUS,
+    TASK_SCENE,
+    TASK_STATUS,
+    WBC_STATE,
+    WBC_REPLY,
+    WBC_AUTHORITY,
+    WBC_TARGET,
+)
 _CAMERA = frozenset(("", name) for name in CAMERAS)
 _COMMAND = frozenset(
     (controller, topic.name)
     for controller in with_role(Role.CONTROLLER)
-    for topic in (TELEOP_SETPOINT, TELEOP_GAIT)
+    for topic in (TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_CLAIM)
 )
 _FEEDBACK = _CAMERA | {(operator, topic.name) for operator in OPERATORS for topic in _OBSERVED}
 
@@ -63,7 +75,8 @@ class Alias(NamedTuple):
 
 ALIASES: Mapping[str, Alias] = {
     "command": Alias(
-        "operator or policy → robot: set-points and gait requests, at the controller", _COMMAND
+        "operator or policy → robot: claims, set-points and gait requests, at the controller",
+        _COMMAND,
     ),
     "camera": Alias("both cameras, delayed and lost alike, for every consumer", _CAMERA),
     "feedback": Alias(

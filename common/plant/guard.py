@@ -105,6 +105,10 @@ class Guard:
         last_refused: sender of the command that was refused last.
     """
 
+    mode: GuardMode
+    command: JointCommand | None
+    _controller: Sender | None
+
     def __init__(self, config: GuardConfig, stop: StopRecord | None = None) -> None:
         """Create a silent guard, or a stopped one if ``stop`` is latched."""
         self._hold_after_ns = round(config.hold_after * 1e9)
@@ -119,8 +123,6 @@ class Guard:
         self.last_refused = Sender("", 0)
         self.stop = stop or StopRecord()
         self._beat_ns: int | None = None
-        self.command: JointCommand | None = None
-        self._controller: Sender | None = None
         self.reset(-1)
 
     def reset(self, epoch_ns: int) -> None:

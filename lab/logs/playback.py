@@ -14,12 +14,12 @@ from typing import Any
 import zenoh
 
 from common.errors import ConfigError
+from common.program import signals_as_keyboard_interrupt
 from common.topics import ALL_TOPICS, Priority
 from common.transport.config import BusConfig
 from common.transport.publisher import PRIORITIES
 from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
-from deploy.process import signals_as_keyboard_interrupt
 from lab.errors import LabError
 from lab.progress import ProgressBar
 from services.logger.read.info import read_info

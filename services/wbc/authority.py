@@ -36,7 +36,7 @@ class _Claimant:
     heard: int  # robot time at which it came [ns]
     asked: int  # numbers operators in the order in which they began to want the robot
     acted: bool  # whether the last update brought a deliberate act
-    first: bool = True  # whether the last update brought its first claim
+    first: bool = True  # whether no claim has come since the first
 
 
 class Authority:
@@ -132,7 +132,7 @@ class Authority:
                 self._asked += 1
                 claimant = _Claimant(claim, self._now, self._asked, acts and claim.act > 0)
             elif claim.header.seq == claimant.claim.header.seq:
-                claimant.acted = claimant.first = False
+                claimant.acted = False
             else:
                 if claim.wants and not claimant.claim.wants:
                     self._asked += 1

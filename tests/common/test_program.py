@@ -1,12 +1,13 @@
 """Programs end with words and an exit code, whatever ends them."""
 
+import signal
 import subprocess
 import sys
 
 import pytest
 
 from common.errors import ConfigError, TrillError
-from common.program import run_program
+from common.program import ENDING, run_program
 
 
 def _fail(error: BaseException) -> int:
@@ -55,3 +56,38 @@ sys.exit(run_program("it", work))"""
         process.stdin.close()
         assert process.wait(30) == 141
         assert process.stderr.read() == b""
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_every_signal_that_asks_for_the_end_cleans_up(
+    number: signal.Signals, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cleaned: list[signal.Signals] = []
+    before = [signal.getsignal(one) for one in ENDING]
+
+    def work() -> int:
+        try:
+            signal.raise_signal(number)
+        finally:
+            # As from timeout: the process gets it, and then its group.
+            signal.raise_signal(number)
+            cleaned.append(number)
+        return 0
+
+    assert run_program("it", work, "stopped; nothing is lost") == 130
+    assert cleaned == [number]
+    assert capsys.readouterr().err == "it: stopped; nothing is lost\n"
+    assert [signal.getsignal(one) for one in ENDING] == before
+
+
+def test_what_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+
+    def work() -> int:
+        signal.raise_signal(signal.SIGHUP)
+        return 0
+
+    try:
+        assert run_program("it", work) == 0
+    finally:
+        signal.signal(signal.SIGHUP, before)

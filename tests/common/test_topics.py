@@ -23,6 +23,8 @@ from common.schemas import EpisodeAction
 from common.topics import (
     ALL_TOPICS,
     EPISODE,
+    ESTOP,
+    ESTOP_CLEAR,
     HEALTH,
     HEARTBEAT,
     JOURNAL,
@@ -240,8 +242,8 @@ SERVICE_CLASSES: tuple[type[Service], ...] = (
     SyntheticOperator,
     KeyboardOperator,
 )
-FROM_TOOLS = {(EPISODE.name, Role.TOOL), (PLANT_REQUEST.name, Role.TOOL)}
-"""`trill mark`, and `trill up` for a new operator."""
+FROM_TOOLS = {(topic.name, Role.TOOL) for topic in (EPISODE, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)}
+"""`trill mark`, `trill reset`, `trill stop`, `trill resume`, and `trill up` for a new operator."""
 
 
 def test_the_table_names_those_who_publish_a_topic_and_no_other() -> None:

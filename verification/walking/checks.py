@@ -1,6 +1,8 @@
 """The promises about standing, walking and reaching, as named checks with their limits."""
 
-from collections.abc import Callable, Iterator, Mapping
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -57,6 +59,14 @@ class Check:
             for name, value in numbers.items()
             if value != ""
         )
+
+
+def measured(checks: Sequence[Check], index: int) -> tuple[Numbers, float]:
+    """Run the measurement of a check in a worker; return its numbers and the time it took [s]."""
+    # The checks stop services on purpose; their warnings are no news.
+    logging.disable(logging.WARNING)
+    start = time.perf_counter()
+    return checks[index].measure(), time.perf_counter() - start
 
 
 def walk_check(group: str, name: str, scenario: Scenario) -> Check:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from common.plant.config import PHYSICS_STEP_NS
-from common.plant.fallback import damp_target, hold_target
+from common.plant.fallback import Hold, damp_target, hold_target, plan_hold
 from common.plant.guard import Guard
 from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
 from common.plant.stop import StopRecord
@@ -80,7 +80,7 @@ class Plant:
         else:
             scene = self.config.scene
             self.view = SceneView(self.model, self.data, self.addresses, scene, None)
-        self.guard = Guard(self.config.guard, stop)
+        self.guard = Guard(self.config.guard)
         self.servo = Servo(self.config.torque_mode)
         self.command_ages: deque[float] = deque(maxlen=_AGES_KEPT)
         self._standing = standing_qpos(
@@ -100,6 +100,8 @@ class Plant:
         self.reset_count = -1
         self.reset()
         self._settle_into_floor()
+        self.guard = Guard(self.config.guard, stop)
+        self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Put the robot back to its start at rest, with a silent guard; robot time goes on.
@@ -123,6 +125,7 @@ class Plant:
         self.fallen = False
         self._push_until_ns = 0
         self._mode = GuardMode.SILENT
+        self._hold: Hold | None = None
         self._target = hold_target(
             self.now_ns, self._qpos[self.addresses.qpos], self._standing_torque
         )
@@ -137,7 +140,6 @@ class Plant:
         self._standing[2] = self._qpos[2]
         self.now_ns = START_NS - PHYSICS_STEP_NS
         self.reset_count = -1
-        self.reset()
 
     def _draw_start_pose(self) -> None:
         """Draw position and heading within the configured spread."""
@@ -186,6 +188,8 @@ class Plant:
         mode = self.guard.tick(self.now_ns, self.fallen)
         if mode is not self._mode:
             self._enter(mode)
+        if self._hold is not None:
+            self._follow(self._hold)
         servo = self.servo
         self._to_position.dot(self._qpos, out=servo.position)
         self._to_velocity.dot(self._qvel, out=servo.velocity)
@@ -225,16 +229,25 @@ class Plant:
     def _enter(self, mode: GuardMode) -> None:
         _LOG.info("guard: %s at %.3f s%s", mode.name, self.now_ns * 1e-9, " (fallen)" * self.fallen)
         self._mode = mode
+        self._hold = None
         command = self.guard.command
         if mode is GuardMode.ACTIVE and self._trial_from is None:
             self._trial_from = self.steps
         if mode is GuardMode.HOLD and command is not None:
-            # The last feed-forward torque keeps carrying the weight; without it the robot sags.
-            torque = MOTOR_TO_JOINT @ (JOINT_TO_MOTOR @ command.torque)
-            position = self._qpos[self.addresses.qpos]
-            self._target = hold_target(self.now_ns, position, torque)
+            self._hold = plan_hold(
+                self.now_ns,
+                self._qpos[self.addresses.qpos],
+                self._qvel[self.addresses.qvel],
+                command.torque,
+                foot_normal_forces(self.data, self.addresses.feet),
+            )
         elif mode in (GuardMode.DAMP, GuardMode.ESTOP):
             self._target = damp_target(self.now_ns)
+
+    def _follow(self, hold: Hold) -> None:
+        self._target = hold.target(self.now_ns)
+        if self.now_ns >= hold.end_ns:
+            self._hold = None
 
     def truth(self) -> PlantState:
         """Return the exact state now."""

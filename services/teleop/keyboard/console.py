@@ -118,7 +118,7 @@ class Console:
         """
         binding = binding_of(key)
         if binding is None:
-            foreign = "" if key.isascii() else "; in this layout x, Backspace and Delete still stop"
+            foreign = "" if key.isascii() else "; Backspace and Delete stop in every layout"
             self.notice = f"{key!r} does nothing{foreign}; the keys are listed below"
             return []
         if binding.twice:
@@ -153,8 +153,11 @@ class Console:
             return []
         if not has:
             self._waiting.clear()
-            if not self.stopped:
-                self.notice = f"you no longer have it: {self.claimant.waits_for()}"
+            self.notice = (
+                "the stop took the robot from you; after its end Enter takes it anew"
+                if self.stopped
+                else f"you no longer have it: {self.claimant.waits_for()}"
+            )
             return []
         self.notice = "you have the robot; Enter gives it back"
         commands = list(self._waiting)
@@ -234,6 +237,7 @@ class Console:
     def _take_or_give(self, now: float) -> None:
         if self.claimant.has_robot:
             self.claimant.release()
+            self._had_robot = False
             self.notice = "given back: whoever waits goes on"
         elif self.stopped:
             self.notice = "nobody has a stopped robot; b b ends the stop, then Enter takes it"

@@ -96,7 +96,7 @@ def _plant_line(feedback: Feedback) -> str:
     marks = [name for name, on in (("FALLEN", plant.fallen), ("PAUSED", plant.paused)) if on]
     return (
         f"plant       {BOLD}{plant.guard.name}{PLAIN} {RED}{' '.join(marks)}{PLAIN} "
-        f"{plant.real_time_factor:.2f}x real time  falls {feedback.falls}  torque from state "
+        f"pace {plant.real_time_factor:.2f}x  falls {feedback.falls}  torque from state "
         f"{1e3 * plant.age_at_torque_median:.0f}/{1e3 * plant.age_at_torque_p99:.0f} ms old  {age}"
     )
 
@@ -108,7 +108,8 @@ def _robot_line(console: Console, feedback: Feedback) -> str:
     who = "YOU have" if claimant.has_robot else f"{claimant.holder or 'nobody'} has"
     since = ""
     if feedback.controller is not None:
-        since = f" {max(0.0, 1e-9 * (feedback.controller.header.stamp - state.since)):.0f} s ago"
+        ago = max(0.0, 1e-9 * (feedback.controller.header.stamp - state.since))
+        since = f" ({ago:.0f} s ago)"
     waiting = f"; waiting: {', '.join(state.waiting)}" if state.waiting else ""
     text = f"{who} it: {state.reason}{since * (state.changes > 0)}{waiting}"
     return f"robot       {BOLD}{text[: WIDTH - 12]}{PLAIN}"

@@ -15,13 +15,15 @@ from common.topics import (
     CAMERA_LEFT,
     CAMERA_RIGHT,
     ESTOP,
+    ESTOP_CLEAR,
     PLANT_REQUEST,
     WBC_COMMAND,
 )
 from common.wire.codec import encode
 
 OPERATOR_READS = {
-    *("plant/state", "plant/status", "task/scene", "task/status", "wbc/state", "wbc/reply")
+    *("plant/state", "plant/status", "task/scene", "task/status"),
+    *("wbc/state", "wbc/reply", "wbc/authority", "wbc/target"),
 }
 EYES = {"camera/left", "camera/right"}
 
@@ -32,7 +34,7 @@ def reached(alias: str, service: str) -> set[str]:
 
 
 def test_command_is_what_the_controller_hears_of_the_operator() -> None:
-    assert reached("command", "wbc") == {"teleop/setpoint", "teleop/gait"}
+    assert reached("command", "wbc") == {"teleop/setpoint", "teleop/gait", "teleop/claim"}
     assert all(not reached("command", service) for service in PORT_OFFSETS if service != "wbc")
 
 
@@ -62,10 +64,10 @@ def test_every_operators_inputs_are_reached_but_for_the_operators_own() -> None:
     scripted = pytest.importorskip("services.teleop.scripted.service").ScriptedOperator
     for service in (keyboard, scripted):
         left = {topic.name for topic in service.reads} - reached("feedback", service.name)
-        assert left <= {"teleop/status", "teleop/setpoint"}
+        assert left <= {"teleop/status"}
 
 
-@pytest.mark.parametrize("topic", [ESTOP, PLANT_REQUEST, WBC_COMMAND])
+@pytest.mark.parametrize("topic", [ESTOP, ESTOP_CLEAR, PLANT_REQUEST, WBC_COMMAND])
 def test_safety_is_delayed_under_its_own_name_only(topic: object) -> None:
     name = getattr(topic, "name", "")
     everything = Links.from_table(dict.fromkeys(ALIASES, "1s"))

@@ -7,7 +7,7 @@ import pytest
 
 from common.plant.config import GuardConfig
 from common.plant.guard import Guard, Refusal, refuse_values
-from common.plant.reentry import DURATION_NS
+from common.plant.reentry import DURATION_NS, FARTHEST, is_far
 from common.plant.stop import StopRecord
 from common.robot.joints import JOINT_INDEX, NOMINAL_POSITION, POSITION_UPPER
 from common.schemas import GuardMode, Header, JointCommand
@@ -66,6 +66,27 @@ def test_a_loop_delay_of_50_ms_at_100_hz_stays_active(guard: Guard) -> None:
             assert offer(guard, make_command(now - 50 * MS), now)
         assert guard.tick(now, fallen=False) is GuardMode.ACTIVE
     assert guard.holds == 0
+
+
+def test_a_new_guard_takes_a_command_from_the_beginning_of_time() -> None:
+    guard = Guard(GuardConfig())
+    assert (guard.last_refusal, guard.last_refused) == (None, ("", 0))
+    assert offer(guard, make_command(0), 0)
+
+
+def test_times_are_exact_however_long() -> None:
+    guard = Guard(GuardConfig(hold_after=4.0, damp_after=6.0, stop_beat_timeout=3.0))
+    guard.beat(0)
+    assert offer(guard, make_command(0), 0)
+    assert guard.tick(3000 * MS, fallen=False) is GuardMode.ACTIVE
+    assert guard.tick(3000 * MS + 1, fallen=False) is GuardMode.HOLD
+    guard.beat(3001 * MS)
+    assert offer(guard, make_command(0), 3001 * MS)
+    assert guard.tick(4000 * MS, fallen=False) is GuardMode.ACTIVE
+    assert guard.tick(4000 * MS + 1, fallen=False) is GuardMode.HOLD
+    assert guard.holds == 2
+    assert guard.tick(6000 * MS, fallen=False) is GuardMode.HOLD
+    assert guard.tick(6000 * MS + 1, fallen=False) is GuardMode.DAMP
 
 
 def test_silence_holds_then_damps(active: Guard) -> None:
@@ -350,10 +371,10 @@ def test_a_robot_taken_over_follows_no_command_that_is_far_off(
         assert guard.last_refusal is Refusal.FAR
     assert mode(guard) is not GuardMode.ACTIVE
     assert offer(guard, make_command(now), now, measured=away(0.29))
-    later = now + DURATION_NS
-    guard.tick(later, fallen=False)
-    for soon in (now + MS, later):
+    for soon in range(now + 50 * MS, now + DURATION_NS + 1, 50 * MS):
+        assert guard.tick(soon, fallen=False) is GuardMode.ACTIVE
         assert not offer(guard, make_command(soon), soon, measured=away(0.31)), "still taking over"
+        assert offer(guard, make_command(soon), soon)
 
 
 def test_once_taken_over_commands_may_be_anywhere(guard: Guard) -> None:
@@ -373,18 +394,27 @@ def test_a_joint_that_has_moved_on_since_the_measurement_is_not_far(guard: Guard
     assert offer(guard, command, now, measured=away(0.45))
 
 
-def test_set_points_start_where_the_joints_are_and_leave_at_a_bounded_rate(guard: Guard) -> None:
-    measured = away(-0.25)
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_set_points_start_where_the_joints_are_and_leave_at_a_bounded_rate(
+    guard: Guard, sign: float
+) -> None:
+    measured = away(-0.25 * sign)
     reached = []
     for ms in range(0, 510, 10):
         now = NOW + ms * MS
         assert offer(guard, make_command(now), now, measured=measured)
         applied = guard.eased(NOMINAL_POSITION, now, measured)
         assert (np.delete(applied, ELBOW) == np.delete(NOMINAL_POSITION, ELBOW)).all()
-        reached.append(applied[ELBOW] - measured[ELBOW])
+        reached.append(sign * (applied[ELBOW] - measured[ELBOW]))
     assert reached[0] == pytest.approx(0.02)
     assert np.diff(reached[:24]) == pytest.approx(0.01), "1 rad/s"
     assert np.array(reached[23:]) == pytest.approx(0.25)
+
+
+def test_the_farthest_is_not_too_far() -> None:
+    origin = make_command(NOW, position=np.zeros(27))
+    assert not is_far(origin, NOW, one_joint("l_elbow_fe", FARTHEST))
+    assert is_far(origin, NOW, one_joint("l_elbow_fe", np.nextafter(FARTHEST, 1.0)))
 
 
 def test_a_command_that_expects_nan_is_far(guard: Guard) -> None:

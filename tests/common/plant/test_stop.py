@@ -26,7 +26,7 @@ def test_long_words_are_cut_to_what_the_status_holds() -> None:
 
 
 def test_the_file_says_the_same_after_a_restart(tmp_path: Path) -> None:
-    path = tmp_path / "deep" / "estop.json"
+    path = tmp_path / "var" / "lib" / "estop.json"
     assert load_stop(path) == StopRecord()
     for record in (PRESSED, PRESSED.cleared(1)):
         save_stop(path, record)
@@ -40,7 +40,7 @@ def test_a_damaged_file_is_a_stop(tmp_path: Path, text: bytes) -> None:
     path.write_bytes(text)
     stop = load_stop(path)
     assert (stop.latched, stop.stops, stop.by) == (True, 1, "plant")
-    assert "damaged" in stop.reason
+    assert "is damaged (" in stop.reason
     assert "estop.json" in stop.reason
 
 

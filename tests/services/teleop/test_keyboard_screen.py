@@ -28,6 +28,7 @@ from common.topics import (
 from services.teleop.keyboard.keymap import BY_KEY
 from services.teleop.keyboard.screen import HEIGHT, WIDTH
 from services.teleop.keyboard.service import KeyboardOperator
+from tests.services.inputs import FakeInputs
 
 from .desk import Desk, FakeScreen
 from .support import (
@@ -35,7 +36,6 @@ from .support import (
     NOBODY,
     Bench,
     FakeController,
-    FakeInputs,
     at_left,
     authority,
     controller_state,
@@ -138,6 +138,7 @@ def test_a_second_keyboard_takes_over_and_the_first_is_told() -> None:
 
 def test_the_key_gives_the_robot_back_and_leaving_does_not() -> None:
     desk = Desk().type("Enter", run=0.2)
+    assert "given back" in desk.screen.text
     assert not desk.bench.controller.claims[-1].wants
     assert "nobody has it" in desk.screen.text
     before = len(desk.bench.messages(TELEOP_SETPOINT))
@@ -170,6 +171,7 @@ def test_a_stop_takes_the_robot_away_and_only_a_new_key_after_its_end_brings_it_
     desk.bench.inputs.put(PLANT_STATUS, latched())
     before = len(desk.bench.messages(TELEOP_SETPOINT))
     desk.bench.run(0.5)
+    assert "the stop took the robot from you" in desk.screen.text
     desk.type("i", "w", "Enter", "x", run=0.2)
     assert acts(desk) == 1
     assert desk.bench.messages(ESTOP_CLEAR) == []

@@ -33,8 +33,9 @@ from services.wbc.config import WbcConfig
 from services.wbc.qp import QpData
 from services.wbc.service import WbcService
 from services.wbc.solvers import Solution, Solver
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, claim, copy_qp, request
+from .support import MS, claim, copy_qp, request
 
 
 @dataclass(frozen=True)
@@ -73,11 +74,12 @@ class RecordingSolver:
 class Bench:
     """Service and plant in one loop of robot time: 100 Hz, each command applied late.
 
-    One operator has the robot from the first tick on.
+    One operator has the robot from the first tick on, as long as it claims it.
 
     Attributes:
         delay_ms: from a state's measurement to the motors.
         replies, states, commands: everything the controller said so far.
+        claims: whether the operator claims the robot.
         watch: called after each tick of the service with the state it saw.
     """
 
@@ -87,6 +89,7 @@ class Bench:
     replies: list[GaitReply] = field(default_factory=list)
     states: list[ControllerState] = field(default_factory=list)
     commands: list[JointCommand] = field(default_factory=list)
+    claims: bool = True
     watch: Callable[[PlantState], None] | None = None
 
     def __post_init__(self) -> None:
@@ -114,7 +117,8 @@ class Bench:
         inputs.begin_step()
         state = plant.measured()
         inputs.put(PLANT_STATE, state)
-        inputs.put(TELEOP_CLAIM, claim(len(self.commands)))
+        if self.claims:
+            inputs.put(TELEOP_CLAIM, claim(len(self.commands)))
         for topic, message in self._events:
             inputs.put(topic, message)
         self._events.clear()
