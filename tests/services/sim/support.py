@@ -12,8 +12,6 @@ from services.sim.physics.plant import Plant
 from services.sim.physics.stance import standing_torque
 
 MS = 1_000_000
-STIFF = np.minimum(HOLD_STIFFNESS, STIFFNESS_MAX)
-"""(27,) the stiffness of a hold, as far as a command may ask for it [N·m/rad]."""
 
 
 def make_command(stamp_ns: int, **changes: Any) -> JointCommand:
@@ -43,7 +41,7 @@ class Stander:
             state.header.stamp,
             position=self._position,
             torque=self._torque,
-            stiffness=STIFF,
+            stiffness=np.minimum(HOLD_STIFFNESS, STIFFNESS_MAX),
             damping=HOLD_DAMPING,
         )
 
