@@ -15,6 +15,9 @@ LONGEST_POLL_PERIOD: Final = 0.05
 """Largest time between two calls of :meth:`StopButton.poll` [s]."""
 BEAT_PERIOD_NS: Final = 100_000_000
 """Between two messages of a button that is not pressed."""
+EARLY_NS: Final = 20_000_000
+"""Such a message may come this much early, so that a step that is not quite due need not wait for
+the next."""
 
 
 class StopButton:
@@ -56,5 +59,5 @@ class StopButton:
             return [Estop(header=header, reason=self._reason)] * BURST
         if now_ns < self._beat_due_ns:
             return []
-        self._beat_due_ns = now_ns + BEAT_PERIOD_NS
+        self._beat_due_ns = now_ns + BEAT_PERIOD_NS - EARLY_NS
         return [Estop(header=header, reason="", pressed=False)]

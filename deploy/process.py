@@ -17,7 +17,8 @@ class ProcessSpec:
         name: short name; its log file is ``<name>.txt``.
         module: run as ``python -m <module>``.
         args: command-line arguments.
-        restart: whether it is started again after it failed (at most ``max_restarts`` times).
+        restart: whether it is started again after it failed, ``max_restarts`` times at most, unless
+            its exit code says that it would end so again (:data:`common.errors.EXITS_FOR_GOOD`).
         max_restarts: how often it is started again.
         spare: whether a second process waits with the module already imported, so that a restart
             takes no time for imports. It costs the memory of the imported packages, and the import

@@ -17,6 +17,8 @@ EVENT_BACKLOG = 4096
 """The same for an event topic, where each one matters: a thousand at one instant are all kept."""
 LINK_BACKLOG = 4096
 """The same in front of a delay line, which must see every arrival."""
+WILDCARD = "*"
+"""In the place of a tag: the message was put on a wildcard key, and is refused."""
 NEVER = 2**63
 """A time out of reach [ns]."""
 

@@ -30,11 +30,11 @@ _HOLD: Final[dict[str, tuple[float, float]]] = {
 }
 """Stiffness [N·m/rad] and damping [N·m·s/rad] per joint while holding.
 
-A standing robot is an inverted pendulum, which topples unless its legs are stiffer than
-m g h = 36.5 kg · 9.81 m/s² · 0.7 m = 250 N·m/rad. On one leg, ankle, knee (twice, by its two hinges)
-and hip are in series: 2000 N·m/rad each make 800, and a lean grows by 250 / 800 = 31 %; 800 each
-would make 320, and it would grow fourfold, off the sole. The servo at 1 kHz bears that: a foot in
-the air has M = 0.012 kg·m², kp dt² / M = 0.17 (stable below 4), kd dt / M = 0.5 (below 1).
+A standing robot is an inverted pendulum: it topples unless its legs are stiffer than
+m g h = 36.5 kg · 9.81 m/s² · 0.7 m = 250 N·m/rad. On one leg a hip, a knee of two hinges and an
+ankle are in series. With 2000 N·m/rad each they make 800, and a lean grows 1.5-fold; with 800 each
+they would make 320, and it would grow 4.6-fold, off the sole. The servo at 1 kHz bears it: a foot
+in the air has M = 0.012 kg·m², so kp dt² / M = 0.17 (stable below 4) and kd dt / M = 0.5 (below 1).
 """
 
 _DAMP: Final[dict[str, float]] = {

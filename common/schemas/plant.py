@@ -17,7 +17,7 @@ class GuardMode(IntEnum):
     ACTIVE = 1
     """Commands are applied."""
     HOLD = 2
-    """The command in force is older than 0.1 s: joints hold where they were.
+    """The command in force is older than 0.1 s: joints hold; a raised foot is put down first.
 
     A refused command alone does not change the mode.
     """

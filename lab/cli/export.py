@@ -19,11 +19,18 @@ do not decode.
   joints       /joints/measured, /joints/commanded      sensor_msgs/msg/JointState
   images       /camera/left, /camera/right              sensor_msgs/msg/CompressedImage
   poses        /base/..., /hands/<side>/...             foxglove.PoseInFrame
-  robot        /tf (50 Hz), /robot (once)               foxglove.FrameTransforms, SceneUpdate
+  robot        /tf (50 Hz), /robot (once)               foxglove.FrameTransforms, SceneUpdate (the
+                                                        shapes; Foxglove draws them, and for Rerun
+                                                        `trill view` adds them in its own form)
   task         /scene                                   foxglove.FrameTransforms
   delays       /links/<service>/<topic>                 trill.LinkPlot: ages, stages, injected delay
+  cameras      /camera/<eye>/camera_info                sensor_msgs/msg/CameraInfo
   events       /events                                  foxglove.Log
   everything   under its own topic, field by field      trill.<Message>, to plot any number
+
+With --ros2 the file has messages of ROS 2 only, for `ros2 bag play` and whatever reads bags:
+JointState, CompressedImage, CameraInfo, PoseStamped, TFMessage in /tf (scene and cameras too), and
+the events in /rosout.
 
 Times: log_time is the arrival at the logger and publish_time the sending, both converted from the
 recorder's monotonic clock to its wall clock. The stamp inside a message is when its information was
@@ -35,6 +42,7 @@ converted too."""
 EXPORT_EXAMPLES = """examples:
   trill export runs/20260131-120000                     writes log-exported.mcap beside the log
   trill export runs/20260131-120000 -o walk.mcap --force
+  trill export log.mcap --ros2                          writes log-ros2.mcap
   trill export --topics 'camera/*,plant/state' log.mcap
 """
 VIEW = """Open a log in Rerun: robot in 3D, both cameras, set-points, joints, controller states,
@@ -58,6 +66,9 @@ def add_export_arguments(parser: argparse.ArgumentParser) -> None:
         "-o", "--out", type=Path, help="file to write (<log>-exported.mcap beside the log)"
     )
     parser.add_argument(
+        "--ros2", action="store_true", help="messages of ROS 2 only (to <log>-ros2.mcap)"
+    )
+    parser.add_argument(
         "--topics",
         type=parse_patterns,
         default=(),
@@ -75,10 +86,16 @@ def export(arguments: argparse.Namespace) -> int:
     from services.logger.export.convert import export_log
 
     log = chosen_log(arguments.log, tell=False)
-    out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
+    end = "ros2" if arguments.ros2 else "exported"
+    out = arguments.out or log.with_name(f"{log.stem}-{end}.mcap")
     with ProgressBar("converting") as bar:
         summary = export_log(
-            log, out, topics=arguments.topics, force=arguments.force, on_progress=bar.show
+            log,
+            out,
+            topics=arguments.topics,
+            force=arguments.force,
+            ros2=arguments.ros2,
+            on_progress=bar.show,
         )
     print("\n".join(summary_lines(summary)))
     return 0

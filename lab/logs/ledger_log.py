@@ -22,7 +22,7 @@ from services.logger.read.reader import LogReader, RecordedMessage
 _SCHEMAS: dict[str, Any] = {
     JOURNAL.name: StepJournal, HEALTH.name: ServiceHealth, LINK_CHANGE.name: LinkChange,
 }  # fmt: skip
-_UNUSED = (InputOutcome.STALE, InputOutcome.LATE, InputOutcome.REFUSED, InputOutcome.LOST)
+_UNUSED = tuple(outcome for outcome in InputOutcome if outcome is not InputOutcome.APPLIED)
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """``python -m services.logger``: record everything on the bus."""
 
 import argparse
+import contextlib
 import logging
 import sys
 from collections.abc import Sequence
@@ -140,6 +141,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         delivered = record(options, lambda: stop.requested)
     except TrillError as error:
+        with contextlib.suppress(OSError):  # it stays if there is anything in it
+            arguments.out.rmdir()
         return report("logger", error)
     print(format_report(delivered))
     return 0

@@ -21,6 +21,9 @@ from common.topics import TELEOP_CLAIM, WBC_AUTHORITY
 
 PERIOD_NS: Final = 100_000_000
 """Between two claims without a change."""
+EARLY_NS: Final = 20_000_000
+"""A claim may come this much early, so that a step that is not quite due need not wait for the
+next."""
 PATIENCE: Final = 3.0
 """Time after which a person's wish that was not granted is withdrawn [s]."""
 
@@ -111,7 +114,7 @@ class Claimant:
         )
         if claim == self._sent and now_ns < self._due_ns:
             return []
-        self._sent, self._due_ns = claim, now_ns + PERIOD_NS
+        self._sent, self._due_ns = claim, now_ns + PERIOD_NS - EARLY_NS
         return [Output(TELEOP_CLAIM, claim.model_copy(update={"header": Header(stamp=stamp)}))]
 
     def waits_for(self) -> str:

@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator
 from common.robot import joints
 from common.robot.frames import FOOT_SUPPORT_HALF_SIZE
 from common.schemas.arrays import Float64Array as Array
+from common.topics import TELEOP_SETPOINT
 
 
 class _Config(BaseModel):
@@ -200,7 +201,10 @@ class HandConfig(_Config):
         description="multiple of the thresholds above which set-points are followed unfiltered",
     )
     stale_after: float = Field(
-        default=0.25, gt=0.0, description="age of the last set-point after which the hands hold [s]"
+        default=TELEOP_SETPOINT.max_age,
+        gt=0.0,
+        description="age of the last set-point after which the hands hold [s]; unless given here, "
+        "`[runtime] max_age` of `teleop/setpoint` rules",
     )
 
 

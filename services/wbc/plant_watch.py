@@ -1,6 +1,7 @@
 """Whether the robot is where the plans expect it, and does what the controller commands; pure."""
 
 from common.schemas import GuardMode, PlantState
+from services.wbc.plant_check import torque_misfit
 
 LONGEST_GAP_NS = 120_000_000
 """Time without a state, or without obedience, after which plans are too far ahead [ns]."""
@@ -14,10 +15,13 @@ class PlantWatch:
     Attributes:
         obstacle: why the robot does not do what the controller commands; empty: it does.
         bystander: whether it does what another controller commands.
+        misfit: why this plant must not be commanded at all; empty: it may.
     """
 
-    def __init__(self) -> None:
-        self.obstacle = ""
+    def __init__(self, torque_mode: str) -> None:
+        """Watch a plant for a controller that plans with the limits of ``torque_mode``."""
+        self._torque_mode = torque_mode
+        self.obstacle = self.misfit = ""
         self.bystander = False
         self._stamp = -1
         self._reset_count = 0
@@ -39,7 +43,8 @@ class PlantWatch:
         if first or reason or state.guard is GuardMode.ACTIVE:
             self._obeyed = stamp
         self._stamp, self._reset_count = stamp, state.reset_count
-        self.obstacle = self._find_obstacle(state, boot)
+        self.misfit = torque_misfit(self._torque_mode, state)
+        self.obstacle = self.misfit or self._find_obstacle(state, boot)
         if self.obstacle and not reason and stamp - self._restarted > LONGEST_GAP_NS:
             reason = self.obstacle
         if first or reason:

@@ -44,7 +44,7 @@ TARGET_PERIOD_NS = 50_000_000
 REQUESTS_PER_TICK = 50
 """Gait requests answered in one tick: a flood of them must not stop the control loop."""
 _REMINDER_NS = 1_000_000_000
-"""Time after which it is said again that another controller has the plant [ns]."""
+"""Time after which it is said again that the plant is another controller's, or unfit [ns]."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -68,7 +68,7 @@ class WbcService(Service):
         self.period_ns = round(1e9 / self.config.rate)
         self.controller = Controller(self.config)
         self.stiffness, self.damping = self.config.motors.per_joint()
-        self._watch = PlantWatch()
+        self._watch = PlantWatch(self.config.limits.torque_mode)
         self._authority = Authority(self.config.authority)
         self._tracker = RequestTracker()
         self._stamp = -1
@@ -98,8 +98,9 @@ class WbcService(Service):
         self._follow_setpoint(time)
         outputs += self._take_requests()
         command, report = self.controller.tick(state, time)
+        if not self._watch.misfit:
+            outputs.append(Output(WBC_COMMAND, self._joint_command(command, state)))
         outputs += [
-            Output(WBC_COMMAND, self._joint_command(command, state)),
             Output(WBC_STATE, self._controller_state(report, time)),
             *self._answers(self.controller.locomotion.answers()),
         ]
@@ -195,7 +196,8 @@ class WbcService(Service):
         if not reason:
             self._warned = self._warned if self._watch.obstacle else ""
             return []
-        reminder = self._watch.bystander and state.header.stamp - self._warned_at >= _REMINDER_NS
+        standing = self._watch.bystander or bool(self._watch.misfit)
+        reminder = standing and state.header.stamp - self._warned_at >= _REMINDER_NS
         if reason != self._warned or reminder:
             self._warned, self._warned_at = reason, state.header.stamp
             _LOG.warning("restarting the controller: %s", reason)

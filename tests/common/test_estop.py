@@ -22,6 +22,8 @@ def test_a_button_beats_ten_times_a_second_until_it_is_pressed() -> None:
     button = StopButton()
     sent = [button.poll(tick * TICK_NS, ACTIVE, stamp=5) for tick in range(20)]
     assert [len(messages) for messages in sent] == [1, 0] * 10
+    uneven = [button.poll(t * 1_000_000) for t in (1001, 1049, 1098, 1152, 1199)]
+    assert [len(messages) for messages in uneven] == [1, 0, 1, 0, 1]
     assert sent[0][0] == Estop(header=sent[0][0].header, reason="", pressed=False)
     assert sent[0][0].header.stamp == 5
 

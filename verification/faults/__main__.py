@@ -21,11 +21,14 @@ from verification.faults.dead_peer import DeadPeer
 from verification.faults.kill_recorder import KillRecorder
 from verification.faults.logger_on_robot import LoggerOnRobot
 from verification.faults.network_cut import NetworkCut
+from verification.faults.operators import Operators
 from verification.faults.plan import FaultPlan, Row, Verdict
 from verification.faults.slow_subscriber import SlowSubscriber
 
 Plans = Sequence[type[FaultPlan]]
-PLANS: Plans = (KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew)
+PLANS: Plans = (
+    KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew, Operators,
+)  # fmt: skip
 _WIDTH = 120
 """Width of the tables where the output is not a terminal."""
 
@@ -44,7 +47,7 @@ def parser(plans: Plans) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("names", nargs="*", metavar="NAME", help="experiments to run (all)")
-    result.add_argument("--quick", action="store_true", help="short runs, about four minutes")
+    result.add_argument("--quick", action="store_true", help="short runs, about six minutes")
     result.add_argument("--out", type=Path, default=Path("runs/studies/faults"), metavar="DIR",
                         help="folder of the results, a JSON file each (%(default)s)")  # fmt: skip
     fields = [(name, field, p) for p in plans for name, field in p.model_fields.items()]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from common.errors import SchemaError, TrillError
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.journal.journal import Journal
 from common.journal.tables import read_tables

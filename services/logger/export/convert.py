@@ -54,6 +54,7 @@ def export_log(
     *,
     topics: Sequence[str] = (),
     force: bool = False,
+    ros2: bool = False,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Summary:
     """Convert ``log`` to ``out``.
@@ -63,6 +64,7 @@ def export_log(
         out: the file to write.
         topics: only these, e.g. ``plant/state`` or ``camera/*``; empty: all.
         force: replace an existing ``out``.
+        ros2: write messages of ROS 2 only.
         on_progress: called now and then.
 
     Raises:
@@ -81,8 +83,8 @@ def export_log(
     total = sum(one.messages for one in keys)
     summary = Summary(out, remarks=[*info.remarks, *map(str, info.pauses)])
     reader = LogReader(log)
-    conversion = _Conversion(reader, topics, summary)
-    with export_file(out, force=force) as file:
+    conversion = _Conversion(reader, topics, summary, ros2=ros2)
+    with export_file(out, force=force, profile="ros2" if ros2 else "") as file:
         for done, message in enumerate(reader.raw_messages()):
             if done % _PROGRESS_STEP == 0:
                 on_progress(done, total)
@@ -101,9 +103,11 @@ def export_log(
 class _Conversion:
     """Converts message by message and fills the summary."""
 
-    def __init__(self, reader: LogReader, topics: Sequence[str], summary: Summary) -> None:
+    def __init__(
+        self, reader: LogReader, topics: Sequence[str], summary: Summary, *, ros2: bool
+    ) -> None:
         self._reader = reader
-        self._routes = Routes(_robot(summary))
+        self._routes = Routes(_robot(summary), ros2=ros2)
         self._topics = topics
         self._summary = summary
         self._clocks = SenderClocks()
@@ -123,6 +127,9 @@ class _Conversion:
             samples = list(self._routes(topic.name, name, message, times))
         except (SchemaError, ExportError) as error:
             self._summary.leave_out(name, str(error))
+            return
+        if not samples:
+            self._summary.leave_out(name, "nothing that ROS 2 has a message for")
             return
         for sample in samples:
             file.write(sample, times, raw.sequence)
@@ -168,7 +175,7 @@ def _robot(summary: Summary) -> RobotModel | None:
         return RobotModel()
     except ImportError:
         summary.remarks.append(
-            "MuJoCo is not installed: no link transforms, shapes and measured hands "
+            "MuJoCo is not installed: no link transforms, shapes, camera data and measured hands "
             "(pip install '.[sim]' in a checkout of trill)"
         )
         return None

@@ -115,8 +115,11 @@ class TimeLine:
             return
         before, last = self._before
         if before.session and before.session == self._clock.session:
+            self._add_suspended(before)
             return
-        gap = self._gap_by_monotonic_clock(before, first - last)
+        gap = None
+        if first >= last and _same_boot(before, self._clock):
+            gap = first - last + self._add_suspended(before)
         end_ns = last + self.shift_ns
         if gap is None:
             gap = self._go_by_wall_clock(first, last)
@@ -125,22 +128,19 @@ class TimeLine:
         if gap is None or gap > counted:
             self.pauses.append(Pause(self._name, end_ns + counted, gap, counted))
 
-    def _gap_by_monotonic_clock(self, before: _Clock, gap: int) -> int | None:
-        """Return the time between two segments of one boot [ns]; None if it was another."""
+    def _add_suspended(self, before: _Clock) -> int:
+        """Move the wall clock on by the time that the machine was suspended; return that [ns]."""
         now = self._clock
-        if gap < 0:
-            return None
-        if not _same_boot(before, now):
-            return None
         if self.wall_offset_ns is None:
             self.wall_offset_ns = now.wall
-        if before.suspended is not None and now.suspended is not None:
-            slept = now.suspended - before.suspended
-            if slept > _CLOCK_NOISE_NS:
-                gap += slept
-                if self.wall_offset_ns is not None:
-                    self.wall_offset_ns += slept
-        return gap
+            return 0
+        if before.suspended is None or now.suspended is None:
+            return 0
+        slept = now.suspended - before.suspended
+        if slept <= _CLOCK_NOISE_NS:
+            return 0
+        self.wall_offset_ns += slept
+        return slept
 
     def _go_by_wall_clock(self, first: int, last: int) -> int | None:
         """Take over the segment's wall clock; return the gap by it [ns], None if it went back."""

@@ -75,20 +75,18 @@ class RecordingFiles:
         return recording_id(origin_of(path) or {}) == self._about["recording"]
 
 
-def make_directory(path: Path) -> bool:
-    """Make the directory of ``path`` before the bus is opened; return whether it is new.
+def make_directory(path: Path) -> None:
+    """Make the directory of ``path`` before the bus is opened.
 
     Raises:
         LoggerError: it cannot be made or written.
     """
-    is_new = not path.parent.exists()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if not os.access(path.parent, os.W_OK):
             raise PermissionError(13, "Permission denied")
     except OSError as error:
         raise write_error(path, error) from error
-    return is_new
 
 
 def check_space(path: Path, min_free: int) -> None:

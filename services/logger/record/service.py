@@ -3,7 +3,6 @@
 It answers queries about schemas and episodes. As an observer it publishes nothing at all.
 """
 
-import contextlib
 import logging
 import secrets
 import sys
@@ -13,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from common.errors import TrillError
 from common.runtime.live.loop_stats import LoopStats
 from common.topics import HEALTH
 from common.transport.config import BusConfig
@@ -40,6 +38,8 @@ _log = logging.getLogger("trill.logger")
 NAME = "logger"
 HEALTH_PERIOD = 0.5
 """Time between health messages [s]."""
+SILENCE = 2.0
+"""Without any message for so long a person is told where the recorder listens [s]."""
 QUERY_PERIOD = 5.0
 """First time between queries for missing schemas [s]; it grows while there is no answer."""
 _LONGEST_QUERY_PERIOD = 60.0
@@ -77,17 +77,7 @@ def record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str,
         BusError: the bus cannot be opened.
         ConfigError: a pattern of topics is invalid.
     """
-    is_new = make_directory(options.path)
-    try:
-        return _record(options, stopping)
-    except TrillError:
-        if is_new:
-            with contextlib.suppress(OSError):  # it is kept if there is anything in it
-                options.path.parent.rmdir()
-        raise
-
-
-def _record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str, DeliveryCount]:
+    make_directory(options.path)
     check_space(options.path, options.config.min_free)
     busy = next((p for p in existing_segments(options.path) if p.exists() and is_locked(p)), None)
     if busy is not None:
@@ -176,11 +166,17 @@ class _Recording:
             self._recorder, config.low_disk, sys.stderr, live=options.live, min_free=config.min_free
         )
         self._query_at = time.monotonic() + QUERY_PERIOD
+        silent_at: float | None = time.monotonic() + SILENCE
         while not (stopping() or self._recorder.error or tap.error):
             started = time.monotonic_ns()
             now = 1e-9 * started
             if health is not None:
                 health.update(now, stats)
+            if silent_at is not None and (tap.received or now >= silent_at):
+                if not tap.received:
+                    status.end()
+                    _log.warning("%s", silence_text(options.bus, self._robot, options.config))
+                silent_at = None
             status.update(now)
             if status.is_full:
                 break
@@ -203,6 +199,21 @@ class _Recording:
             tap.listen(expression)
         self._query_period = min(_LONGEST_QUERY_PERIOD, 1.5 * self._query_period)
         self._query_at = now + self._query_period
+
+
+def silence_text(bus: BusConfig, robot: str, config: LoggerConfig) -> str:
+    """Return what to say when nothing was heard: where it was looked for, and what may help."""
+    if bus.mode == "client":
+        where = f"as a client of {', '.join(bus.connect_endpoints(NAME))}"
+        help_ = "check the address of --connect and the name of --robot"
+    else:
+        where = f"beside a robot on this machine or network, at base port {bus.base_port}"
+        help_ = (
+            "is it running (trill up), and with this --base-port and --robot? A robot in "
+            "containers or on another machine takes --connect tcp/HOST:7447"
+        )
+    topics = f" of {', '.join(config.topics)}" if config.topics else ""
+    return f"nothing{topics} heard from {robot} for {SILENCE:g} s {where}: {help_}; still listening"
 
 
 class _Health:

@@ -80,7 +80,7 @@ class Plant:
         else:
             scene = self.config.scene
             self.view = SceneView(self.model, self.data, self.addresses, scene, None)
-        self.guard = Guard(self.config.guard, stop)
+        self.guard = Guard(self.config.guard)
         self.servo = Servo(self.config.torque_mode)
         self.command_ages: deque[float] = deque(maxlen=_AGES_KEPT)
         self._standing = standing_qpos(
@@ -100,6 +100,8 @@ class Plant:
         self.reset_count = -1
         self.reset()
         self._settle_into_floor()
+        self.guard = Guard(self.config.guard, stop)
+        self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Put the robot back to its start at rest, with a silent guard; robot time goes on.
@@ -138,7 +140,6 @@ class Plant:
         self._standing[2] = self._qpos[2]
         self.now_ns = START_NS - PHYSICS_STEP_NS
         self.reset_count = -1
-        self.reset()
 
     def _draw_start_pose(self) -> None:
         """Draw position and heading within the configured spread."""

@@ -27,6 +27,7 @@ from common.robot.rotations import (
 from common.robot.workspace import clamp_to_workspace
 from common.schemas import DeviceInput, Gait, GaitRequest, HandController, Header, Setpoint
 from common.schemas.arrays import Float64Array as Array
+from common.topics import TELEOP_DEVICE
 from services.teleop.targets.hand import nominal_pose
 
 
@@ -51,7 +52,9 @@ class MapperConfig(BaseModel):
         description="distance to the gripper's closure at which an engaged trigger takes over",
     )
     stale_after: float = Field(
-        default=0.25, gt=0.0, description="silence after which the clutches release [s]"
+        default=TELEOP_DEVICE.max_age,
+        gt=0.0,
+        description="silence after which the clutches release [s]",
     )
     head_moves_neck: bool = Field(
         default=True, description="whether the robot's neck follows the head's pitch"

@@ -118,7 +118,7 @@ class Console:
         """
         binding = binding_of(key)
         if binding is None:
-            foreign = "" if key.isascii() else "; in this layout x, Backspace and Delete still stop"
+            foreign = "" if key.isascii() else "; Backspace and Delete stop in every layout"
             self.notice = f"{key!r} does nothing{foreign}; the keys are listed below"
             return []
         if binding.twice:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.errors import SchemaError
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.journal.journal import Journal
 from common.journal.stages import stage_times

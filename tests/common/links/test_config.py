@@ -34,7 +34,7 @@ def reached(alias: str, service: str) -> set[str]:
 
 
 def test_command_is_what_the_controller_hears_of_the_operator() -> None:
-    assert reached("command", "wbc") == {"teleop/setpoint", "teleop/gait", "teleop/claim"}
+    assert reached("command", "wbc") == {"teleop/setpoint", "teleop/gait"}
     assert all(not reached("command", service) for service in PORT_OFFSETS if service != "wbc")
 
 

@@ -4,12 +4,13 @@ import os
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from common.schemas import OperatorStatus
+from common.schemas import GuardMode, OperatorStatus
 from deploy import launch
 from deploy.errors import DeployError
 from deploy.launch import Verdict, running_system
@@ -73,6 +74,17 @@ def test_a_fall_outweighs_what_follows_from_it_and_is_watched_a_while() -> None:
     assert verdict is not None
     assert verdict.outcome == "fell"
     assert "step 3 of 9" in verdict.reason
+
+
+def test_a_fall_after_an_emergency_stop_names_who_stopped_the_robot() -> None:
+    one, seen = judge(), view(fallen=True)
+    assert seen.plant is not None
+    stop = {"guard": GuardMode.ESTOP, "stopped_by": "keyboard"}
+    seen = replace(seen, plant=seen.plant.model_copy(update=stop))
+    assert one.verdict(10.0, seen, NOTHING) is None
+    verdict = one.verdict(10.0 + FALL_AFTERMATH, seen, NOTHING)
+    assert verdict is not None
+    assert "STOPPED by keyboard" in verdict.reason
 
 
 def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_word() -> None:

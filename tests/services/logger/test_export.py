@@ -1,6 +1,7 @@
 """An exported file holds the same as the log, read by independent decoders."""
 
 from collections import Counter
+from math import isnan
 from pathlib import Path
 from typing import Any
 
@@ -165,8 +166,17 @@ def test_health_is_laid_flat_for_plots(exported: dict[str, list[Read]]) -> None:
     assert one.message.injected_achieved_mean == 0.1225
     assert (one.message.wire_median, one.message.wire_p99) == (0.001, 0.002)
     assert one.message.injected_p99 == 0.19
-    assert one.message.total_median == -1.0
+    assert isnan(one.message.total_median)
     assert one.message.link == "normal(122ms, 190ms)"
+
+
+def test_a_link_that_never_carried_a_message_has_no_age(tmp_path: Path) -> None:
+    quiet = health("wbc").links[0].model_copy(update={"age": -1.0, "received": 0})
+    message = health("wbc").model_copy(update={"links": [quiet]})
+    write(tmp_path / "log.mcap", [sample("health/wbc", message, 0, "wbc")])
+    export_log(tmp_path / "log.mcap", tmp_path / "out.mcap")
+    (one,) = read(tmp_path / "out.mcap")["/links/wbc/teleop/setpoint"]
+    assert isnan(one.message.age)
 
 
 def test_events_are_lines_of_text(exported: dict[str, list[Read]]) -> None:
@@ -181,7 +191,9 @@ def test_only_the_topics_asked_for(tmp_path: Path) -> None:
     summary = export_log(
         tmp_path / "log.mcap", tmp_path / "out.mcap", topics=["camera/*", "wbc/reply"]
     )
-    assert set(read(tmp_path / "out.mcap")) == {"/camera/left", "/wbc/reply", "/events"}
+    assert set(read(tmp_path / "out.mcap")) == {
+        "/camera/left", "/camera/left/camera_info", "/wbc/reply", "/events",
+    }  # fmt: skip
     assert summary.left_out["plant/state"] == (20, "not among --topics")
     with pytest.raises(ExportError, match=r"matches 'camera/middle'; it has: camera/left, .*"):
         export_log(tmp_path / "log.mcap", tmp_path / "b.mcap", topics=["camera/middle"])

@@ -18,8 +18,9 @@ from services.sim.rendering import cameras
 from services.sim.rendering.cameras import CameraConfig, CameraService, StereoRenderer, encode
 from services.sim.rendering.offscreen import Offscreen
 from services.sim.rendering.render import FollowCamera, contact_sheet, render_states
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs
+from .support import MS
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from common.plant.config import TorqueMode
-from common.plant.fallback import HOLD_STIFFNESS
 from common.plant.guard import Refusal
+from common.plant.stop import StopRecord
 from common.robot.joints import JOINT_INDEX
 from common.schemas import GuardMode, Header, JointCommand
 from services.sim.config import TYPICAL_NOISE, SimConfig
@@ -184,6 +184,21 @@ def test_a_stop_goes_limp_at_once_and_no_reset_ends_it() -> None:
     assert not robot.fallen
 
 
+def test_comes_up_stopped_in_the_pose_of_any_start() -> None:
+    free, stopped = plant(), Plant(SimConfig(), StopRecord(latched=True, stops=4))
+    assert stopped.truth().guard is GuardMode.ESTOP
+    assert stopped.truth().base_position == pytest.approx(free.truth().base_position)
+    assert stopped.reset_count == 0
+    stopped.step()
+    assert np.abs(stopped.truth().joint_torque).max() < 1.0
+    assert stopped.guard.clear(4, stopped.now_ns)
+    stopped.reset()
+    run_silently(stopped, 0.5)
+    assert stopped.truth().base_position[2] == pytest.approx(
+        free.truth().base_position[2], abs=1e-3
+    )
+
+
 def test_a_robot_still_standing_after_the_clear_is_caught_smoothly() -> None:
     robot = plant()
     stander = Stander(robot)
@@ -208,7 +223,7 @@ def test_after_damping_a_far_command_is_refused_and_a_near_one_ramps_in() -> Non
     def command(distance: float) -> JointCommand:
         position = state.joint_position.copy()
         position[elbow] -= distance
-        return make_command(robot.now_ns, position=position, stiffness=HOLD_STIFFNESS)
+        return make_command(robot.now_ns, position=position)
 
     for distance in (0.4, -0.4):
         assert not robot.offer(command(distance))
@@ -216,7 +231,7 @@ def test_after_damping_a_far_command_is_refused_and_a_near_one_ramps_in() -> Non
     assert robot.offer(command(0.25))
     robot.step()
     torque = robot.truth().joint_torque[elbow]
-    assert -4.0 < torque < 0.0, "60 N·m/rad act on 0.02 rad at first, not on 0.25 rad"
+    assert -4.0 < torque < 0.0, "100 N·m/rad act on 0.02 rad at first, not on 0.25 rad"
 
 
 def test_reset_restores_the_pose_but_not_the_time() -> None:

@@ -35,8 +35,9 @@ from common.wire.codec import decode, encode
 from services.sim.config import TYPICAL_NOISE, SimConfig
 from services.sim.physics.plant import START_NS
 from services.sim.service import PlantService
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, Stander, make_command
+from .support import MS, Stander, make_command
 
 
 class Bench:

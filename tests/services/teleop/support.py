@@ -1,4 +1,4 @@
-"""Fakes: inputs under the test's control, and a controller that walks by the clock."""
+"""A bench for operators, with a controller that walks by the clock."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from common.runtime.service import Inputs, Output, Service
+from common.runtime.service import Output, Service
 from common.schemas import (
     AuthorityChange,
     AuthorityState,
@@ -22,7 +22,6 @@ from common.schemas import (
     OperatorClaim,
     OperatorKind,
     PlantStatus,
-    Sender,
     Setpoint,
 )
 from common.topics import (
@@ -36,42 +35,11 @@ from common.topics import (
     Topic,
 )
 from services.teleop.targets.targets import OperatorTargets
+from tests.services.inputs import FakeInputs
 
 TICK_NS = 50_000_000
 BOOT = 77
 """Boot id of the operator on the bench."""
-
-
-class FakeInputs(Inputs):
-    """Inputs whose messages and ages the test sets."""
-
-    def __init__(self) -> None:
-        self.messages: dict[str, Message] = {}
-        self.ages: dict[str, float] = {}
-        self.queues: dict[str, list[Message]] = {}
-
-    def put(self, topic: Topic[Any], message: Message, age: float = 0.0) -> None:
-        self.messages[topic.name] = message
-        self.ages[topic.name] = age
-
-    def latest(self, topic: Topic[Any]) -> Any:
-        return self.messages.get(topic.name)
-
-    def latest_by_sender(self, topic: Topic[Any]) -> dict[Sender, Any]:
-        message = self.messages.get(topic.name)
-        return {} if message is None else {message.header.sender: message}
-
-    def updated(self, topic: Topic[Any]) -> bool:
-        return topic.name in self.messages
-
-    def fresh(self, topic: Topic[Any]) -> bool:
-        return self.age(topic) <= topic.max_age
-
-    def age(self, topic: Topic[Any]) -> float:
-        return self.ages.get(topic.name, float("inf"))
-
-    def events(self, topic: Topic[Any]) -> list[Any]:
-        return self.queues.pop(topic.name, [])
 
 
 def controller_state(
@@ -241,6 +209,7 @@ class Bench:
         self.now_ns += dt_ns
         self.controller.publish(self.inputs, self.now_ns)
         outputs = self.service.step(self.inputs, self.now_ns)
+        self.inputs.begin_step()
         self.controller.receive(self.inputs, outputs, self.now_ns)
         self.sent += [(self.now_ns, output) for output in outputs]
         return outputs

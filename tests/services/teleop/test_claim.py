@@ -14,8 +14,9 @@ from common.schemas import (
 from common.schemas.operator import Gait
 from common.topics import WBC_AUTHORITY
 from services.teleop.claim import PATIENCE, Claimant, own_replies
+from tests.services.inputs import FakeInputs
 
-from .support import BOOT, FakeInputs, authority
+from .support import BOOT, authority
 
 ME = Sender("me", BOOT)
 MINE = authority("me", BOOT)
@@ -53,8 +54,10 @@ def test_a_claim_is_repeated_at_10_hz_and_sent_at_once_when_it_changes() -> None
     claimant = Claimant(PERSON)
     times = [t for t in range(0, 1000, 50) if claimant.claims(t * 1_000_000, 0)]
     assert times == list(range(0, 1000, 100))
+    jitter = [claimant.claims(t * 1_000_000, 0) for t in (1001, 1049, 1098, 1152, 1199)]
+    assert [bool(claims) for claims in jitter] == [True, False, True, False, True]
     claimant.ask(1.0)
-    assert claimant.claims(950_000_001, 0)
+    assert claimant.claims(1_200_000_000, 0)
 
 
 @pytest.mark.parametrize("kind", [SCRIPT, POLICY])

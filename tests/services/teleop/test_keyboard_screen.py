@@ -28,6 +28,7 @@ from common.topics import (
 from services.teleop.keyboard.keymap import BY_KEY
 from services.teleop.keyboard.screen import HEIGHT, WIDTH
 from services.teleop.keyboard.service import KeyboardOperator
+from tests.services.inputs import FakeInputs
 
 from .desk import Desk, FakeScreen
 from .support import (
@@ -35,7 +36,6 @@ from .support import (
     NOBODY,
     Bench,
     FakeController,
-    FakeInputs,
     at_left,
     authority,
     controller_state,

@@ -33,8 +33,9 @@ from services.wbc.config import WbcConfig
 from services.wbc.qp import QpData
 from services.wbc.service import WbcService
 from services.wbc.solvers import Solution, Solver
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, claim, copy_qp, request
+from .support import MS, claim, copy_qp, request
 
 
 @dataclass(frozen=True)

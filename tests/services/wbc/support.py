@@ -1,29 +1,23 @@
-"""States, set-points and inputs under the test's control."""
-
-from typing import Any, TypeVar
+"""States and set-points under the test's control."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.robot import frames, joints
-from common.runtime.service import Inputs
 from common.schemas import (
     Gait,
     GaitRequest,
     Header,
-    Message,
     OperatorClaim,
     OperatorKind,
     PlantState,
     Sender,
     Setpoint,
 )
-from common.topics import Topic
 from services.wbc.qp import QpData
 from services.wbc.robot_model import RobotState
 
 Array = NDArray[np.float64]
-M = TypeVar("M", bound=Message)
 
 G = joints.MOTOR_TO_JOINT
 GAITS = tuple(gait for gait in Gait if gait is not Gait.NONE)
@@ -141,42 +135,6 @@ def claim(
     """By default one that believes to have the robot, so that a new controller gives it at once."""
     header = Header(seq=seq, source=sender.source, boot=sender.boot)
     return OperatorClaim(header=header, kind=kind, wants=wants, act=act, holding=holding)
-
-
-class FakeInputs(Inputs):
-    """Inputs set by hand; call :meth:`begin_step` before putting what one step shall see."""
-
-    def __init__(self) -> None:
-        self._latest: dict[str, Message] = {}
-        self._new: dict[str, list[Message]] = {}
-        self._senders: dict[str, dict[Sender, Any]] = {}
-        self.stale: set[str] = set()
-
-    def begin_step(self) -> None:
-        self._new.clear()
-
-    def put(self, topic: Topic[Any], message: Message) -> None:
-        self._latest[topic.name] = message
-        self._new.setdefault(topic.name, []).append(message)
-        self._senders.setdefault(topic.name, {})[message.header.sender] = message
-
-    def latest(self, topic: Topic[M]) -> M | None:
-        return self._latest.get(topic.name)  # type: ignore[return-value]
-
-    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
-        return dict(self._senders.get(topic.name, {}))
-
-    def updated(self, topic: Topic[Any]) -> bool:
-        return topic.name in self._new
-
-    def fresh(self, topic: Topic[Any]) -> bool:
-        return topic.name in self._latest and topic.name not in self.stale
-
-    def age(self, topic: Topic[Any]) -> float:
-        return 0.0 if topic.name in self._latest else float("inf")
-
-    def events(self, topic: Topic[M]) -> list[M]:
-        return list(self._new.get(topic.name, []))  # type: ignore[arg-type]
 
 
 def copy_qp(data: QpData) -> QpData:

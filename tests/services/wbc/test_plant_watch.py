@@ -16,7 +16,7 @@ class Plant:
     """States every 10 ms to a controller that has run for a second."""
 
     def __init__(self) -> None:
-        self.watch = PlantWatch()
+        self.watch = PlantWatch("relaxed")
         self.now = 0
         self.say(100)
 
@@ -91,3 +91,14 @@ def test_a_reset_or_a_time_that_goes_back_is_a_reset() -> None:
     assert plant.say(reset_count=1) == ["the plant was reset"]
     plant.now = 0
     assert plant.say(2, reset_count=1) == ["the plant was reset", ""]
+
+
+def test_other_torque_limits_come_before_every_other_obstacle() -> None:
+    plant = Plant()
+    plant.say(10, torque_mode="relaxed", controller_boot=OWN)
+    assert plant.watch.misfit == ""
+    (reason,) = plant.say(1, torque_mode="rated", guard=GuardMode.ESTOP)
+    assert reason == plant.watch.obstacle == plant.watch.misfit
+    assert "rated, the controller's relaxed" in reason
+    plant.say(1, controller_boot=OWN)
+    assert plant.watch.misfit == "", "a plant that does not tell is trusted"

@@ -37,9 +37,10 @@ from services.wbc.config import WbcConfig
 from services.wbc.hands import HandReference
 from services.wbc.plant_watch import LONGEST_GAP_NS
 from services.wbc.service import WbcService
+from tests.services.inputs import FakeInputs
 
 from .bench import Bench
-from .support import MS, OPERATOR, FakeInputs, claim, nominal_state, request, setpoint
+from .support import MS, OPERATOR, claim, nominal_state, request, setpoint
 
 CONFIG = WbcConfig(solver="daqp", stand_time=0.3)
 Sent = list[tuple[Topic[Any], Message]]
