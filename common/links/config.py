@@ -2,8 +2,8 @@
 
 A link is a topic on its way to one consumer. A name is ``[service:]topic`` or ``[service:]alias``;
 without a service it means every consumer. An alias (:data:`ALIASES`) stands for all links of a
-kind. The emergency stop, requests to the plant and the joint command belong to no alias: they are
-delayed only under their own names.
+kind. The emergency stop, requests to the plant, the joint command and an operator's claim to the
+robot belong to no alias: they are delayed only under their own names.
 
 Two rules choose among several names that cover the same link:
 
@@ -31,7 +31,6 @@ from common.topics import (
     PLANT_STATUS,
     TASK_SCENE,
     TASK_STATUS,
-    TELEOP_CLAIM,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     WBC_AUTHORITY,
@@ -61,7 +60,7 @@ _CAMERA = frozenset(("", name) for name in CAMERAS)
 _COMMAND = frozenset(
     (controller, topic.name)
     for controller in with_role(Role.CONTROLLER)
-    for topic in (TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_CLAIM)
+    for topic in (TELEOP_SETPOINT, TELEOP_GAIT)
 )
 _FEEDBACK = _CAMERA | {(operator, topic.name) for operator in OPERATORS for topic in _OBSERVED}
 
@@ -75,7 +74,7 @@ class Alias(NamedTuple):
 
 ALIASES: Mapping[str, Alias] = {
     "command": Alias(
-        "operator or policy → robot: claims, set-points and gait requests, at the controller",
+        "operator or policy → robot: set-points and gait requests, at the controller",
         _COMMAND,
     ),
     "camera": Alias("both cameras, delayed and lost alike, for every consumer", _CAMERA),

@@ -16,12 +16,16 @@ RECORD = """Record every message on the bus of a running system until Ctrl-C. Be
 option is needed. From another machine --connect is enough: the recorder asks for the robot's name
 and topics, records topics that this version does not know with the schema their sender describes,
 and publishes nothing. At the end it prints for each topic how many messages were sent = recorded +
-lost on the way + dropped here."""
+lost on the way + dropped here.
+
+A recording goes on in log-2.mcap … if its directory has one already. With --rotate-size or
+--rotate-every it is written in segments; --keep-size and --keep-segments then delete the oldest."""
 RECORD_EXAMPLES = """examples:
   trill record
   trill record --connect tcp/robot:7447             from another machine
   trill record --connect tcp/robot:7447 --robot draco3 --no-cameras
   trill record --rotate-size 2GB --rotate-every 10min
+  trill record --rotate-size 2GB --keep-size 50GB   a ring of segments
   trill record --topics 'plant/*,wbc/**' --out logs/friday
 """
 INFO = """Show what a log holds: when and where it was recorded, which services ran, each topic's
@@ -36,7 +40,8 @@ REPAIR = """Repair a log whose recorder was killed, whose disk was full, or that
 chunks that can be read, and what is left of the last one, are written to a new file with index,
 schemas and delivery statistics. It replaces the log once it is complete and has been read back; the
 broken file stays beside it as .broken. A whole file is not changed. All segments of a recording are
-repaired."""
+repaired. With --discard-original the broken file is not kept, unless fewer messages come out of it
+than it should hold."""
 REPAIR_EXAMPLES = f"""examples:
   trill repair {RUNS}/20260131-120000
   trill repair log.mcap --out saved.mcap            leave log.mcap as it is

@@ -18,7 +18,8 @@ data whether a change of the code changes what the robot does, and where first.
 
 Without: publish the recorded bytes on the bus at the recorded rate, for viewers. They are
 published under another robot's name (draco3-replay), because a recorded command must never reach a
-live robot.
+live robot. Where nobody recorded for longer than 10 s, between two segments, 1 s is waited; the
+pauses are printed.
 
 Exit codes: 0 identical, or published to the end; 1 different, or not replayed to the end; 2 cannot
 be replayed: wrong options, or the log lacks something; 130 after Ctrl-C while checking."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from services.logger.read.delivery import total
 from services.logger.read.episodes import Episode
-from services.logger.read.info import LogInfo, SegmentInfo, TopicInfo
+from services.logger.read.log_info import LogInfo, SegmentInfo, TopicInfo
 from services.logger.record.units import format_duration, format_size
 from services.logger.repair.repair import RepairResult
 

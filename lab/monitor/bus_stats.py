@@ -289,5 +289,5 @@ def _topic_row(
         repeated=sum(stats.sequence.repeated for stats in keys),
         stale=topic.delivery is Delivery.LATEST and age > topic.max_age,
         too_old=sum(link.stale for link in links),
-        refused=sum(link.refused for link in links),
+        refused=sum(link.refused + link.foreign for link in links),
     )

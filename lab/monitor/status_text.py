@@ -16,6 +16,9 @@ from lab.monitor.ledger_text import short_ms
 
 SILENCE = "nothing heard yet (services take some seconds to start; is this the right base port?)"
 
+MAX_WARNINGS = 3
+"""Lines that warnings take at most."""
+
 _STYLES = {
     TaskVerdict.RUNNING: "",
     TaskVerdict.SUCCESS: "bold green",
@@ -51,6 +54,7 @@ def format_line(view: Snapshot) -> str:
             parts.append(
                 f"set-point to {row.consumer} {short_ms(total.median)}/{short_ms(total.p99)} ms"
             )
+    parts += warnings(view)
     rows = view.topics
     misses = sum(row.health.deadline_misses for row in view.services)
     parts.append(
@@ -59,6 +63,23 @@ def format_line(view: Snapshot) -> str:
         f"too old {sum(row.too_old for row in rows)}, deadline misses {misses}"
     )
     return " | ".join(parts)
+
+
+def warnings(view: Snapshot) -> list[str]:
+    """Return what a person should mend: doubled services, and whom their readers ignore."""
+    alive = [row.health for row in view.services if row.alive]
+    lines = [
+        f"{health.service}: {health.conflict} is on the bus too; stop one"
+        for health in alive
+        if health.conflict
+    ]
+    lines += [
+        f"{health.service} ignored {link.foreign} of {link.topic}: {link.last_refusal}"
+        for health in alive
+        for link in health.links
+        if link.foreign
+    ]
+    return lines[:MAX_WARNINGS]
 
 
 def format_controller(control: ControllerState) -> str:

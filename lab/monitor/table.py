@@ -35,6 +35,7 @@ from lab.monitor.status_text import (
     format_controller,
     format_plant,
     task_line,
+    warnings,
 )
 
 BAD, GOOD, DIM, ODD = "bold red", "green", "dim", "yellow"
@@ -69,6 +70,7 @@ def render_table(
         _robot(view),
         *([] if view.task is None else [task_line(view.task)]),
         _operator(view.operator),
+        *(Text(line, style=BAD, no_wrap=True, overflow="ellipsis") for line in warnings(view)),
     ]
     topics, ledger = len(view.topics), len(view.ledger)
     taken = 0
@@ -82,7 +84,7 @@ def render_table(
         ledger *= content is Content.LEDGER
     if height is not None:
         headings = bool(topics) + bool(ledger)
-        head = _HEADER_LINES + (view.task is not None)
+        head = _HEADER_LINES + (view.task is not None) + len(warnings(view))
         topics, ledger = share_lines(height - head - taken - headings, topics, ledger)
     parts += [_topics(view.topics, topics)] if topics else []
     parts += [_ledger(view.ledger, ledger)] if ledger else []

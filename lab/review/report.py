@@ -17,7 +17,8 @@ from lab.review.summary_readers import LogFindings
 from lab.review.task_summary import trial_lines
 from lab.review.timeline import read_timeline
 from lab.trials.provenance import environment
-from services.logger.read.info import LogInfo, read_info
+from services.logger.read.info import read_info
+from services.logger.read.log_info import LogInfo
 from services.logger.read.reader import LogReader
 from services.logger.read.segments import existing_segments
 

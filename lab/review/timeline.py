@@ -33,7 +33,9 @@ from lab.live.new_trials import preceded_first_operator
 from lab.review.scoring import commanded_motions, recorded_motions
 
 RATE = 12.5
-"""Ground truth is thinned to this rate [Hz], so that hours of it fit in memory."""
+"""Ground truth is thinned to this rate [Hz]."""
+MAX_TRUTH = 30_000
+"""Ground truths kept, 40 minutes; of a longer run every other one is dropped, again and again."""
 MAX_IMAGES = 2000
 """Images kept of each camera; when there are more, every other one is dropped."""
 SWING_SHARE = 0.55
@@ -104,6 +106,8 @@ class Timeline:
     _scene_state: SceneState | None = None
     _accepted: dict[tuple[int, int], int] = field(default_factory=dict)
     """Index of the acceptance of each gait under way, by boot id of its requester and number."""
+    _period: float = 1.0 / RATE
+    """Robot time between two ground truths [s]."""
     _seconds: list[float] = field(default_factory=list)
     """Robot time at each ground truth, as far as it was asked for [s]."""
     _unattended: set[tuple[int, int]] = field(default_factory=set)
@@ -114,9 +118,12 @@ class Timeline:
         now = len(self.truth) - 1
         match message:
             case PlantState():
-                if topic.name == PLANT_TRUTH.name and _is_due(self.truth, message):
+                due = topic.name == PLANT_TRUTH.name
+                if due and _is_due(self.truth, message, self._period):
                     self.truth.append(message)
                     self.scene_states.append(self._scene_state)
+                    if len(self.truth) > MAX_TRUTH:
+                        self._thin()
             case SceneState():
                 self._scene_state = message
             case StepJournal():
@@ -154,6 +161,19 @@ class Timeline:
                     for change in self.task_changes
                     if trial_of(change[1]) not in self._unattended
                 ]
+
+    def _thin(self) -> None:
+        """Drop every other ground truth; what was at one is then at the one before it."""
+        self._period *= 2.0
+        del self.truth[1::2], self.scene_states[1::2]
+        self._seconds.clear()
+        self.labels = [(index // 2, label) for index, label in self.labels]
+        self.gaits = [GaitSpan(one.start // 2, one.end // 2, one.gait) for one in self.gaits]
+        self.fall = None if self.fall is None else self.fall // 2
+        self.left_images = [(index // 2, image) for index, image in self.left_images]
+        self.right_images = [(index // 2, image) for index, image in self.right_images]
+        self.task_changes = [(index // 2, status) for index, status in self.task_changes]
+        self._accepted = {request: index // 2 for request, index in self._accepted.items()}
 
     @property
     def scene(self) -> str:
@@ -228,14 +248,14 @@ def _seconds_between(before: PlantState, state: PlantState) -> float:
     return 1e-9 * (state.header.stamp - before.header.stamp)
 
 
-def _is_due(truth: Sequence[PlantState], message: PlantState) -> bool:
-    """Return whether a period of :data:`RATE` has passed, or robot time began anew."""
+def _is_due(truth: Sequence[PlantState], message: PlantState, period: float) -> bool:
+    """Return whether a ``period`` [s] has passed, or robot time began anew."""
     if not truth:
         return True
     if message.header.boot != truth[-1].header.boot:
         return True
     elapsed = (message.header.stamp - truth[-1].header.stamp) * 1e-9
-    return elapsed < 0.0 or elapsed >= 0.95 / RATE
+    return elapsed < 0.0 or elapsed >= 0.95 * period
 
 
 def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:

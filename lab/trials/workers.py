@@ -20,7 +20,8 @@ T = TypeVar("T")
 WORKER_ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
 )
-"""One thread for each worker: trials run in parallel, and sums come out the same anywhere."""
+"""One thread for each worker: trials run in parallel, and sums come out the same on like
+processors, however many there are."""
 
 _LONGEST_INTERVAL = 1.0
 """Between two checks of a worker at most this much time counts as its silence [s]."""

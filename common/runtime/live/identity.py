@@ -172,7 +172,7 @@ class Identity(Component):
         if not rivals.by_boot:
             return
         for gone in rivals.forget_silent(now_ns):
-            _log.warning("%s: %s is gone", self._service, gone)
+            _log.info("%s: %s is gone", self._service, gone)
         older = rivals.older(now_ns)
         if older is not None and not self.refusal:
             self.refusal = (
@@ -186,8 +186,8 @@ class Identity(Component):
                 rival.asked_ns = now_ns
                 self._ask(rival.source)
             # A newcomer may still end; until then nobody needs to be told.
-            old_enough = now_ns - rival.began_ns > NEWCOMER_NS
-            if old_enough and now_ns >= rival.warned_ns + _WARN_AGAIN_NS:
+            settled = now_ns - max(rival.began_ns, rivals.began_ns) > NEWCOMER_NS
+            if settled and now_ns >= rival.warned_ns + _WARN_AGAIN_NS:
                 rival.warned_ns = now_ns
                 _log.warning("%s: %s is on the bus too; stop one", self._service, rival)
 

@@ -10,6 +10,7 @@ viewers can draw is written once more in the form they draw:
 | camera/<eye> | /camera/<eye>/camera_info | sensor_msgs/msg/CameraInfo | |
 | plant/state, plant/truth | /base/measured, /base/truth | foxglove.PoseInFrame in world | [1] |
 | teleop/setpoint | /hands/<side>/setpoint | foxglove.PoseInFrame in torso_link | [1] |
+| wbc/target | /hands/<side>/target | foxglove.PoseInFrame in torso_link | [1] |
 | plant/state, 50 Hz | /tf, /hands/<side>/measured | foxglove.FrameTransforms, pose | [2], [1] |
 | plant/state | /robot (once): the shapes | foxglove.SceneUpdate | none |
 | task/scene | /scene: objects, marks | foxglove.FrameTransforms in world | [2] in /tf |
@@ -90,6 +91,7 @@ class Routes:
             topics.PLANT_TRUTH.name: (self._true_base,),
             topics.WBC_COMMAND.name: (_commanded_joints,),
             topics.TELEOP_SETPOINT.name: (self._setpoints,),
+            topics.WBC_TARGET.name: (self._setpoints,),
             topics.CAMERA_LEFT.name: (self._image,),
             topics.CAMERA_RIGHT.name: (self._image,),
             topics.HEALTH.name: () if ros2 else (_links,),
@@ -147,10 +149,12 @@ class Routes:
             state.base_quaternion,
         )
 
-    def _setpoints(self, _: str, setpoint: Setpoint, times: Times) -> Iterator[Sample]:
+    def _setpoints(self, name: str, setpoint: Setpoint, times: Times) -> Iterator[Sample]:
+        # What an operator asks for, and what the controller makes of it at present.
+        what = "target" if name == topics.WBC_TARGET.name else "setpoint"
         for side in HAND_FRAMES:
             yield self._forms.pose_in_frame(
-                f"/hands/{side}/setpoint",
+                f"/hands/{side}/{what}",
                 times.stamp,
                 BODY_FRAME,
                 getattr(setpoint, f"{side}_hand_position_in_body"),

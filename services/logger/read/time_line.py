@@ -4,14 +4,17 @@ Messages carry the monotonic clock of their arrival. It starts anew with every b
 while the wall clock may be set back or ahead. So neither can be compared between two processes
 that recorded one after the other. The *recording's clock* is the monotonic clock of the first
 segment, continued: within a boot it is that clock itself, and after another boot it goes on where
-it ended. Time during which nobody recorded counts as :data:`LONGEST_PAUSE_NS` at most.
+it ended. Time during which nobody recorded counts as it is up to :data:`LONGEST_RESTART_NS`, which
+a restart of the recorder may take; a longer pause counts as :data:`PAUSE_NS`.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-LONGEST_PAUSE_NS = 2_000_000_000
-"""A longer time without a recorder is shortened to this [ns]; a restart takes less."""
+LONGEST_RESTART_NS = 10_000_000_000
+"""A longer time without a recorder is a pause [ns]."""
+PAUSE_NS = 1_000_000_000
+"""What a pause counts as, however long it is [ns]."""
 _SAME_CLOCK_NS = 60_000_000_000
 """Where a log does not name the boot, wall and monotonic clock agree to this within one [ns]."""
 
@@ -115,32 +118,32 @@ class TimeLine:
             return
         before, last = self._before
         if before.session and before.session == self._clock.session:
+            self._add_suspended(before)
             return
-        gap = self._gap_by_monotonic_clock(before, first - last)
+        gap = None
+        if first >= last and _same_boot(before, self._clock):
+            gap = first - last + self._add_suspended(before)
         end_ns = last + self.shift_ns
         if gap is None:
             gap = self._go_by_wall_clock(first, last)
-        counted = min(gap or 0, LONGEST_PAUSE_NS)
+        counted = 0 if gap is None else gap if gap <= LONGEST_RESTART_NS else PAUSE_NS
         self.shift_ns = end_ns + counted - first
         if gap is None or gap > counted:
             self.pauses.append(Pause(self._name, end_ns + counted, gap, counted))
 
-    def _gap_by_monotonic_clock(self, before: _Clock, gap: int) -> int | None:
-        """Return the time between two segments of one boot [ns]; None if it was another."""
+    def _add_suspended(self, before: _Clock) -> int:
+        """Move the wall clock on by the time that the machine was suspended; return that [ns]."""
         now = self._clock
-        if gap < 0:
-            return None
-        if not _same_boot(before, now):
-            return None
         if self.wall_offset_ns is None:
             self.wall_offset_ns = now.wall
-        if before.suspended is not None and now.suspended is not None:
-            slept = now.suspended - before.suspended
-            if slept > _CLOCK_NOISE_NS:
-                gap += slept
-                if self.wall_offset_ns is not None:
-                    self.wall_offset_ns += slept
-        return gap
+            return 0
+        if before.suspended is None or now.suspended is None:
+            return 0
+        slept = now.suspended - before.suspended
+        if slept <= _CLOCK_NOISE_NS:
+            return 0
+        self.wall_offset_ns += slept
+        return slept
 
     def _go_by_wall_clock(self, first: int, last: int) -> int | None:
         """Take over the segment's wall clock; return the gap by it [ns], None if it went back."""

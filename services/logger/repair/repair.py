@@ -97,7 +97,7 @@ def repair(
             with whole_file(target) as rewritten:
                 rebuilt, losses = _rewrite(path, rewritten, fault, on_progress)
                 _read_back(rewritten, rebuilt.messages)
-                stated = stated_messages(path)
+                stated = stated_messages(path, walk=out is None and discard_original)
                 lacking = stated > rebuilt.messages
                 keep = out is None and (lacking or not discard_original)
                 kept = keep_original(path) if keep else None

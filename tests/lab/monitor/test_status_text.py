@@ -10,9 +10,10 @@ from common.schemas import (
     AuthorityState,
     GuardMode,
     OperatorKind,
+    ServiceHealth,
     TaskVerdict,
 )
-from common.topics import WBC_AUTHORITY
+from common.topics import PLANT_STATE, WBC_AUTHORITY
 from lab.monitor.bus_stats import BusStats
 from lab.monitor.status_text import format_line
 from lab.monitor.table import render_table
@@ -89,3 +90,18 @@ def test_table_and_line_show_a_stop_and_a_foreign_controller() -> None:
     foreign = {"commands_foreign": 3, "last_refusal": "wbc (boot 1f): another controller"}
     _, line = shown((topic, status_.model_copy(update=foreign)))
     assert "3 commands of another controller refused, last wbc (boot 1f)" in line
+
+
+def test_table_and_line_warn_of_doubled_services_and_who_is_ignored() -> None:
+    robot = FakeRobot()
+    _, state = robot.plant(PLANT_STATE, 0, 0, 0)
+    topic, health = robot.health("wbc", misses=0, median=0.002, p99=0.004)
+    assert isinstance(health, ServiceHealth)
+    link = health.links[0].model_copy(
+        update={"foreign": 7, "last_refusal": "message from plant boot b2, following sim boot a1"}
+    )
+    changes = {"conflict": "another wbc (boot 1f, up 3.0 s)", "links": [link]}
+    for text in shown((PLANT_STATE, state), (topic, health.model_copy(update=changes))):
+        assert "another wbc (boot 1f, up 3.0 s) is on the bus too" in text
+        assert f"wbc ignored 7 of {link.topic}: message from plant boot b2" in text
+    assert "on the bus too" not in "".join(shown((PLANT_STATE, state), (topic, health)))

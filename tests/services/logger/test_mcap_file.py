@@ -76,3 +76,24 @@ def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
         found += [one.sequence for one in LogReader(path).raw_messages()]
     assert found == []
     assert repair(path).losses.damaged_chunks == 1
+
+
+def resident_files() -> int:
+    """Size of the mapped files that are in this process's memory [bytes]."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("RssFile:")[2].split()[0]) * 1024
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+def test_a_large_file_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    config = LoggerConfig(compression="none", chunk_size=2**21)
+    # The same payload again and again: what matters is the size of the file, 96 MB.
+    one = picture(0, size=2_000_000)
+    write(path, [one] * 48, config)
+    before, most = resident_files(), 0
+    with open_mcap(path) as file:
+        for span in file.spans():
+            for _ in file.records(span):
+                most = max(most, resident_files() - before)
+    assert 2_000_000 < most < 40_000_000

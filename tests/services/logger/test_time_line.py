@@ -7,11 +7,11 @@ from mcap.reader import make_reader
 
 from common.transport.tap import RawSample
 from lab.logs.log_text import info_lines
-from lab.logs.playback import extent_of
+from lab.logs.playback import Player, PlayOptions, extent_of
 from services.logger.export.convert import export_log
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader
-from services.logger.read.time_line import LONGEST_PAUSE_NS, TimeLine
+from services.logger.read.time_line import PAUSE_NS, TimeLine
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 from tests.services.logger.support import END, START, gait, mark
@@ -52,8 +52,8 @@ def test_a_rotation_and_a_quick_restart_change_nothing() -> None:
 def test_a_pause_within_a_boot_is_shortened_and_told() -> None:
     line = joined(origin("a"), origin("b", at=11_000 * S), 200 * S, 11_000 * S)
     (pause,) = line.pauses
-    assert (pause.real_ns, pause.counted_ns) == (10_800 * S, LONGEST_PAUSE_NS)
-    assert line.place(11_000 * S) == 200 * S + LONGEST_PAUSE_NS == pause.at_ns
+    assert (pause.real_ns, pause.counted_ns) == (10_800 * S, PAUSE_NS)
+    assert line.place(11_000 * S) == 200 * S + PAUSE_NS == pause.at_ns
     assert "3:00:00" in str(pause)
 
 
@@ -61,13 +61,17 @@ def test_a_suspended_machine_moves_the_wall_clock_only() -> None:
     line = joined(origin("a"), origin("b", at=201 * S, slept=7200 * S), 200 * S, 201 * S)
     assert line.pauses[0].real_ns == 7201 * S
     assert line.wall_offset_ns == WALL + 7200 * S
+    # Also while one process recorded, for which the time passed at once.
+    line = joined(origin("a"), origin("a", at=201 * S, slept=7200 * S), 200 * S, 201 * S)
+    assert (line.pauses, line.shift_ns) == ([], 0)
+    assert line.wall_offset_ns == WALL + 7200 * S
 
 
 def test_another_boot_goes_on_where_the_first_ended() -> None:
     # 60 s after the end by the wall clock; its monotonic clock has just begun.
     second = origin("b", "b2", at=20 * S, wall=WALL + 260 * S)
     line = joined(origin("a"), second, 200 * S, 20 * S)
-    assert line.place(21 * S) == 203 * S
+    assert line.place(21 * S) == 202 * S
     assert line.pauses[0].real_ns == 60 * S
     assert line.wall_offset_ns == WALL + 240 * S
     # A later monotonic clock of another boot is no pause either.
@@ -129,6 +133,18 @@ def test_every_reader_has_the_same_time_line(rebooted: Path) -> None:
     assert any("unknown length before log-2.mcap" in line for line in info_lines(info))
     # What is published takes two seconds, not a day.
     assert extent_of(rebooted).seconds == pytest.approx(1.99)
+
+
+def test_a_replay_does_not_wait_where_the_clock_changed(
+    rebooted: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    published: list[int] = []
+    monkeypatch.setattr(Player, "_publish", lambda _, raw: published.append(raw.sequence))
+    options = PlayOptions(speed=100.0)
+    places = list(Player(None, rebooted, extent_of(rebooted), options).play())
+    assert len(published) == 202
+    assert places == sorted(places)
+    assert places[-1] == pytest.approx(1.99)
 
 
 def test_exported_times_never_go_back(rebooted: Path, tmp_path: Path) -> None:

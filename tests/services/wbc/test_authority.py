@@ -476,3 +476,66 @@ def test_in_no_history_do_two_have_the_robot_or_does_it_jump(events: list[tuple[
     history = History()
     for event, number in events:
         history.happen(event, number)
+
+
+def test_at_first_nobody_has_had_the_robot() -> None:
+    state = Authority(CONFIG).state
+    assert (state.holder, state.holder_boot, state.previous, state.previous_boot) == ("", 0, "", 0)
+    assert (state.change, state.changes, state.since) == (Change.NONE, 0, 0)
+    assert (state.kind, state.ignored, state.header.stamp) == (POLICY, 0, 0)
+
+
+@pytest.mark.parametrize("lease", [0.5, 2.0])
+def test_the_lease_is_as_configured_and_ends_after_its_last_moment(lease: float) -> None:
+    holder = script()
+    table = Table(holder, config=AuthorityConfig(lease=lease))
+    ticks = round(lease * 1e9) // TICK
+    assert table.update(ticks) == []
+    assert _kinds(table.update()) == [(Change.GRANTED, "teleop")]
+    holder.silent = True
+    assert table.update(ticks) == []
+    assert table.authority.state.waiting == []
+    assert _kinds(table.update()) == [(Change.EXPIRED, "")]
+
+
+def test_a_claimant_waits_until_the_last_moment_of_its_lease() -> None:
+    waiting = policy()
+    table = Table(script(), waiting).settle()
+    waiting.silent = True
+    table.update(20)
+    assert table.authority.state.waiting == ["policy"]
+    table.update()
+    assert table.authority.state.waiting == []
+
+
+def test_of_equals_the_first_that_came_goes_first() -> None:
+    first, second = policy("zebra", 9), policy("ant", 1)
+    table = Table(first)
+    table.update(2)
+    table.operators.insert(0, second)
+    table.settle()
+    assert table.holder == "zebra"
+
+
+def test_the_same_moment_again_renews_no_lease() -> None:
+    holder = script()
+    table = Table(holder).settle()
+    holder.silent = True
+    table.update(18)
+    table.now -= TICK
+    assert table.update() == []
+    table.update(2)
+    assert table.holder == "teleop"
+    assert _kinds(table.update()) == [(Change.EXPIRED, "")]
+
+
+def test_after_a_restart_of_the_plant_leases_begin_anew_and_nobody_has_to_wait() -> None:
+    holder, waiting = script(), policy()
+    table = Table(holder, waiting, now=100 * 10**9).settle()
+    holder.silent = True
+    table.update(10)
+    table.now = 10**9
+    assert table.update(15) == []
+    assert table.holder == "teleop", "its claims may just be on their way"
+    holder.silent, holder.wants = False, False
+    assert _kinds(table.update()) == [(Change.RELEASED, ""), (Change.GRANTED, "policy")]

@@ -29,9 +29,10 @@ from common.topics import (
 )
 from services.wbc.config import WbcConfig
 from services.wbc.service import REQUESTS_PER_TICK, WbcService
+from tests.services.inputs import FakeInputs
 
 from .bench import Bench
-from .support import MS, FakeInputs, claim, nominal_state, request, setpoint
+from .support import MS, claim, nominal_state, request, setpoint
 
 SCRIPT, PERSON = Sender("teleop", 5), Sender("keyboard", 6)
 KINDS = {SCRIPT: OperatorKind.SCRIPT, PERSON: OperatorKind.PERSON}
