@@ -74,8 +74,10 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
         result.slowest = max(result.slowest, time.perf_counter() - started)
         result.fed += 1
         after = inbox.health_of(topic)
-        result.refused += after.refused - before.refused
-        result.refused_by_damage[name] += after.refused - before.refused
+        # Damage to the sender's name or boot id makes another sender of it.
+        refused = after.refused + after.foreign - before.refused - before.foreign
+        result.refused += refused
+        result.refused_by_damage[name] += refused
         is_event = topic.delivery is Delivery.EVENT
         if bool(inbox.events(topic)) if is_event else inbox.updated(topic):
             result.applied += 1

@@ -16,8 +16,8 @@ from common.wire.schema import array_spec
 B = TypeVar("B", bound=BaseModel)
 M = TypeVar("M", bound=Message)
 
-_WIDEST = 1e6
-"""Largest element of an array."""
+_WIDEST = 1e3
+"""Largest element of an array; three of these are a push that is still allowed."""
 _SHORTEST = 1e-3
 """Length of the shortest vector that is made a unit vector."""
 _MOST_ITEMS = 3
