@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 
 from common.plant.config import PHYSICS_RATE, PHYSICS_STEP_NS
+from common.plant.guard import Refusal
 from common.plant.stop import load_stop, save_stop
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
@@ -40,6 +41,7 @@ from services.sim.physics.pace import Pace, RateTimer
 from services.sim.physics.plant import Plant
 
 _LOG = logging.getLogger(__name__)
+_EXPECTED = (Refusal.ESTOPPED, Refusal.FALLEN)
 
 
 class PlantService(Service):
@@ -92,6 +94,7 @@ class PlantService(Service):
         self._task_reported: tuple[object, ...] = ()
         self._refusals_due = RateTimer(1)
         self._refusals_logged = 0
+        self._refusal_told = ""
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
 
     @classmethod
@@ -205,10 +208,15 @@ class PlantService(Service):
     def _log_refusals(self) -> None:
         """Log commands that the guard refused, at most once a second."""
         guard = self.plant.guard
-        if guard.refused > self._refusals_logged and guard.last_refusal is not None:
-            new = guard.refused - self._refusals_logged
-            _LOG.warning("refused %d commands, the last: %s", new, self._last_refusal())
-            self._refusals_logged = guard.refused
+        new = guard.refused - self._refusals_logged
+        if not new:
+            return
+        self._refusals_logged = guard.refused
+        told, self._refusal_told = self._refusal_told, self._last_refusal()
+        # A stopped or fallen robot refuses everything, as it must: once is enough.
+        if guard.last_refusal in _EXPECTED and told == self._refusal_told:
+            return
+        _LOG.warning("refused %d commands, the last: %s", new, self._refusal_told)
 
     def _last_refusal(self) -> str:
         """Say why a command was refused last, and whose; empty: none was."""

@@ -128,6 +128,16 @@ def test_refused_commands_are_counted_and_told_once_a_second(
     assert bench.guard() is GuardMode.SILENT
 
 
+def test_what_a_stopped_robot_refuses_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench()
+    bench.inputs.put(ESTOP, Estop(reason="smoke"))
+    for _ in range(30):
+        bench.run(100)
+        bench.inputs.put(WBC_COMMAND, make_command(bench.service.plant.now_ns))
+    assert bench.status.commands_refused >= 29
+    assert [record.message.startswith("refused") for record in caplog.records].count(True) == 1
+
+
 def test_status_tells_the_age_of_the_state_behind_the_torque() -> None:
     bench = Bench()
     bench.run(20)

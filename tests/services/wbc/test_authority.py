@@ -535,7 +535,7 @@ def test_after_a_restart_of_the_plant_leases_begin_anew_and_nobody_has_to_wait()
     holder.silent = True
     table.update(10)
     table.now = 10**9
-    assert table.update(20) == []
+    assert table.update(15) == []
     assert table.holder == "teleop", "its claims may just be on their way"
     holder.silent, holder.wants = False, False
     assert _kinds(table.update()) == [(Change.RELEASED, ""), (Change.GRANTED, "policy")]

@@ -25,14 +25,13 @@ from services.wbc.config import WbcConfig
 from services.wbc.service import WbcService
 from verification.walking.stack import WalkingOperator
 
-GAITS = (Gait.FORWARD, Gait.TURN_LEFT)
+GAITS = (Gait.FORWARD,)
 
 
 class Stranger(Service):
     """Sends a fresh joint command and a false plant state a thousand times a second."""
 
     name = "stranger"
-    false_state = False
     period_ns = 1_000_000
     reads = (PLANT_STATE,)
     writes = (WBC_COMMAND, PLANT_STATE)
@@ -53,10 +52,10 @@ class Stranger(Service):
             gripper_closure=np.ones(2),
         )
         false = {"header": header, "base_linear_velocity": np.array([0.0, 2.0, 0.0])}
-        outputs = [Output(WBC_COMMAND, command)]
-        if self.false_state:
-            outputs.append(Output(PLANT_STATE, state.model_copy(update=false)))
-        return outputs
+        return [
+            Output(WBC_COMMAND, command),
+            Output(PLANT_STATE, state.model_copy(update=false)),
+        ]
 
 
 def test_the_robot_walks_on_while_a_stranger_commands_and_reports_at_1_khz() -> None:
