@@ -156,6 +156,8 @@ class _Recording:
             finally:
                 episode_queries.close()
                 tap.close()
+                if tap.refused:
+                    _log.warning("not recorded: %d messages put on wildcard keys", tap.refused)
         finally:
             report = recorder.stop()
         check_space(recorder.path, options.config.min_free)
