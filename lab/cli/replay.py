@@ -18,7 +18,7 @@ data whether a change of the code changes what the robot does, and where first.
 
 Without: publish the recorded bytes on the bus at the recorded rate, for viewers. They are
 published under another robot's name (draco3-replay), because a recorded command must never reach a
-live robot. Where nobody recorded for longer than 2 s, between two segments, 2 s are waited; the
+live robot. Where nobody recorded for longer than 10 s, between two segments, 1 s is waited; the
 pauses are printed.
 
 Exit codes: 0 identical, or published to the end; 1 different, or not replayed to the end; 2 cannot

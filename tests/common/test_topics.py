@@ -215,7 +215,7 @@ MADE_BY_HAND = {
     "common/transport/keys.py": 5,  # the keys of a topic
     "common/transport/tap.py": 1,  # everything, for a listener
     "services/logger/record/selection.py": 2,  # everything, or a pattern that a person gave
-    "services/logger/record/service.py": 2,  # the same in a message
+    "services/logger/record/files.py": 2,  # the same in a message
     "lab/logs/playback.py": 2,  # keys of a recording, under another robot's name
 }
 

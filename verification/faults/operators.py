@@ -16,6 +16,7 @@ from pydantic import Field
 
 from common.schemas import AuthorityState, PlantStatus, Setpoint
 from common.topics import PLANT_STATUS, WBC_AUTHORITY, WBC_TARGET
+from common.transport.config import BusConfig
 from deploy.ports import reserve_base_port
 from deploy.supervisor import SPARE_AFTER_S, Supervisor
 from deploy.system import SystemOptions, environment, robot_processes
@@ -226,7 +227,8 @@ def _robot() -> Iterator[Robot]:
     with tempfile.TemporaryDirectory() as name, reserve_base_port() as port, ExitStack() as stack:
         folder, options = Path(name), SystemOptions(cameras=False, record=False, restart=True)
         specs = [replace(s, max_restarts=1000) for s in robot_processes(options, folder)]
-        supervisor = stack.enter_context(Supervisor(specs, folder, environment(port, None)))
+        bus = BusConfig(base_port=port)
+        supervisor = stack.enter_context(Supervisor(specs, folder, environment(bus, None)))
         schemas = {topic.name: topic.schema for topic in (PLANT_STATUS, WBC_AUTHORITY, WBC_TARGET)}
         monitor = stack.enter_context(Monitor(port, schemas))
 

@@ -28,7 +28,11 @@ _TAGGED = 0.1
 
 @dataclass
 class FuzzResult:
-    """What became of the payloads of one topic; ``slowest`` is the longest step [s]."""
+    """What became of the payloads of one topic.
+
+    ``late`` are the overtaken and repeated ones, and those whose damage made another sender of
+    them; ``slowest`` is the longest step [s].
+    """
 
     topic: str
     fed: int = 0
@@ -74,10 +78,8 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
         result.slowest = max(result.slowest, time.perf_counter() - started)
         result.fed += 1
         after = inbox.health_of(topic)
-        # Damage to the sender's name or boot id makes another sender of it.
-        refused = after.refused + after.foreign - before.refused - before.foreign
-        result.refused += refused
-        result.refused_by_damage[name] += refused
+        result.refused += after.refused - before.refused
+        result.refused_by_damage[name] += after.refused - before.refused
         is_event = topic.delivery is Delivery.EVENT
         if bool(inbox.events(topic)) if is_event else inbox.updated(topic):
             result.applied += 1
@@ -85,6 +87,7 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
         else:
             # A late event is applied and counted as late; it must not be counted twice.
             result.late += after.late + after.repeated - before.late - before.repeated
+            result.late += after.foreign - before.foreign
     return result
 
 

@@ -9,7 +9,8 @@ from typing import Any
 
 from verification.loaders.collected import MismatchError
 
-_EPOCHS, _STEPS = 2, 3
+_EPOCHS, _STEPS, _BATCH = 1, 3, 2
+"""Little to do: a batch with pictures takes a processor half a minute."""
 _RUNNER = """
 import runpy, sys
 from verification.loaders.torchvision_shim import declare_torchvision_operators
@@ -49,13 +50,13 @@ def run_scripts(export: Path, *, later: bool, scaled: bool) -> dict[str, Any]:
 
 
 def _train(content: dict[str, Any]) -> str:
-    """Run the training script with little to do; return what it came to."""
+    """Run the training script by a configuration, for a few small steps; return what it came to."""
     with tempfile.TemporaryDirectory() as folder:
         content["experiment"] |= {
             "epoch_every_n_steps": _STEPS,
             "validation_epoch_every_n_steps": _STEPS,
         }
-        content["train"] |= {"num_epochs": _EPOCHS, "output_dir": folder}
+        content["train"] |= {"num_epochs": _EPOCHS, "batch_size": _BATCH, "output_dir": folder}
         config = Path(folder, "config.json")
         config.write_text(json.dumps(content))
         said = _run("robomimic.scripts.train", "--config", str(config))

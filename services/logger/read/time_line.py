@@ -4,14 +4,17 @@ Messages carry the monotonic clock of their arrival. It starts anew with every b
 while the wall clock may be set back or ahead. So neither can be compared between two processes
 that recorded one after the other. The *recording's clock* is the monotonic clock of the first
 segment, continued: within a boot it is that clock itself, and after another boot it goes on where
-it ended. Time during which nobody recorded counts as :data:`LONGEST_PAUSE_NS` at most.
+it ended. Time during which nobody recorded counts as it is up to :data:`LONGEST_RESTART_NS`, which
+a restart of the recorder may take; a longer pause counts as :data:`PAUSE_NS`.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-LONGEST_PAUSE_NS = 2_000_000_000
-"""A longer time without a recorder is shortened to this [ns]; a restart takes less."""
+LONGEST_RESTART_NS = 10_000_000_000
+"""A longer time without a recorder is a pause [ns]."""
+PAUSE_NS = 1_000_000_000
+"""What a pause counts as, however long it is [ns]."""
 _SAME_CLOCK_NS = 60_000_000_000
 """Where a log does not name the boot, wall and monotonic clock agree to this within one [ns]."""
 
@@ -123,7 +126,7 @@ class TimeLine:
         end_ns = last + self.shift_ns
         if gap is None:
             gap = self._go_by_wall_clock(first, last)
-        counted = min(gap or 0, LONGEST_PAUSE_NS)
+        counted = 0 if gap is None else gap if gap <= LONGEST_RESTART_NS else PAUSE_NS
         self.shift_ns = end_ns + counted - first
         if gap is None or gap > counted:
             self.pauses.append(Pause(self._name, end_ns + counted, gap, counted))

@@ -215,7 +215,9 @@ def test_a_payload_too_long_to_carry_is_not_carried() -> None:
     header = Header(seq=1, sent=reader.now, boot=7, source="sim")
     long = encode(plant_state(), header)
     # One entry more than the schema has: refused, but its header is readable.
-    long = bytes([long[0] + 1]) + long[1:] + b"\xa1x\xc6" + (33_000_000).to_bytes(4, "big")
+    entries = (long[0] & 0x0F) + 1
+    long = b"\xde" + entries.to_bytes(2, "big") + long[1:] + b"\xa1x\xc6"
+    long += (33_000_000).to_bytes(4, "big")
     reader.inbox.offer("plant/state", long + bytes(33_000_000), reader.now)
     reader.offer(seq=2)
     reader.step()

@@ -124,7 +124,8 @@ def test_both_eyes_have_one_seed_and_nothing_else_shares_it() -> None:
 def camera_frame(eye: Literal["left", "right"], number: int) -> bytes:
     frame = CameraFrame(eye=eye, width=1, height=1, encoding="rgb8", data=bytes(3))
     # The eyes' own counters differ, as one was wanted before the other.
-    header = Header(seq=number + (40 if eye == "left" else 0), stamp=1 + number * 50_000_000)
+    seq = number + (40 if eye == "left" else 0)
+    header = Header(seq=seq, stamp=1 + number * 50_000_000, sent=number * 5_000_000)
     return encode(frame, header)
 
 

@@ -102,7 +102,7 @@ def test_one_stray_message_adds_no_gaps() -> None:
         count = stats.report()["a"]
         assert (count.recorded, count.lost, count.headerless) == (301, 0, 1)
         stats = DeliveryStats.from_metadata(stats.to_metadata())
-    numbered(stats, range(2300, 2400))
+    numbered(stats, list(range(2300, 2400)))
     assert stats.report()["a"].lost == 2000
     # Before the rest, too.
     stats = DeliveryStats()
