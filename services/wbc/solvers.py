@@ -1,7 +1,8 @@
 """QP solvers with a common interface: OSQP (default), and DAQP and quadprog, which are exact.
 
 OSQP keeps a workspace with a fixed sparsity pattern and starts from the last solution. The exact
-solvers start cold; they are alternatives, and the reference in the tests.
+solvers start cold; they are alternatives, and the reference in the tests. The soft rows, whose
+number varies, are for the exact solvers; OSQP leaves a QP to DAQP where its own solution misses one.
 """
 
 from dataclasses import dataclass
@@ -62,11 +63,13 @@ def _pattern() -> tuple[Array, Array]:
     return P, A
 
 
+SLACK_WEIGHT = 1e6
+"""Weight of a soft row's violation in the cost; the hands have 20."""
 _SOLVED = (1, 2)
 _OUT_OF_ITERATIONS = 7
 """Status values of OSQP: solved (exactly or inaccurately); maximum iterations reached."""
-FEASIBLE = 1e-3
-"""Largest constraint violation of a non-optimal iterate that is used."""
+SHORTFALL = 0.01
+"""Deviation within which a soft row counts as met, and as binding [m/s²]."""
 FORCE_SCALE = 100.0
 """Unit of the reaction forces inside OSQP [N]."""
 
@@ -79,18 +82,20 @@ class OsqpSolver:
     walking tick in a hundred ran out of iterations.
 
     With arms at their joint limits OSQP still needs hundreds of iterations, 10 ms of a 10 ms tick.
-    Its iterations are therefore limited, and ``fallback``, if given, solves what it did not finish.
+    Its iterations are therefore limited, and an exact solver solves what it did not finish, and
+    what it solved without the soft rows to a solution that misses one of them.
     """
 
     name = "osqp"
 
     def __init__(
-        self, tolerance: float = 5e-6, max_iterations: int = 150, fallback: "Solver | None" = None
+        self, exact: "Solver", tolerance: float = 5e-6, max_iterations: int = 150
     ) -> None:
+        self._exact = exact
         self._tolerance = tolerance
         self._max_iterations = max_iterations
-        self._fallback = fallback
         self._solver: Any = None
+        self._soft_rows_bind = False
         # Indices of P's and A's nonzeros in the flattened matrices.
         self._P_places = self._A_places = np.ones(0, dtype=np.intp)
         self._scale = self._P_scale = self._A_scale = np.ones(0)
@@ -132,6 +137,9 @@ class OsqpSolver:
 
     def solve(self, data: QpData) -> Solution:
         """Solve from the last solution with updated values."""
+        if self._soft_rows_bind:
+            # They mostly do for many ticks on end.
+            return self._solve_exactly(data, "soft rows")
         if self._solver is None:
             self._setup(data)
         else:
@@ -143,29 +151,27 @@ class OsqpSolver:
                 Ax=self._A_scale * data.A.take(self._A_places),
             )
         result = self._solver.solve(raise_error=False)
-        info = result.info
+        status = str(result.info.status)
         finite = bool(np.isfinite(result.x).all())
-        if finite and int(info.status_val) in _SOLVED:
-            return Solution(self._scale * result.x, True, str(info.status))
-        out_of_time = finite and int(info.status_val) == _OUT_OF_ITERATIONS
-        if not out_of_time:
+        if finite and int(result.info.status_val) in _SOLVED:
+            solution = Solution(self._scale * result.x, True, status)
+            if data.shortfall(solution.x) < SHORTFALL:
+                return solution
+        elif not finite or int(result.info.status_val) != _OUT_OF_ITERATIONS:
             # A diverged workspace would spoil the next warm start.
             self._solver = None
-        if self._fallback is not None:
-            return self._solve_exactly(data, self._fallback, str(info.status))
-        # An iterate that is feasible to a millinewton is still usable.
-        usable = out_of_time and float(info.prim_res) < FEASIBLE
-        return Solution(self._scale * result.x, usable, str(info.status))
+        return self._solve_exactly(data, status)
 
-    def _solve_exactly(self, data: QpData, fallback: "Solver", status: str) -> Solution:
-        """Solve exactly what OSQP did not finish, and warm-start OSQP from the solution."""
-        exact = fallback.solve(data)
+    def _solve_exactly(self, data: QpData, status: str) -> Solution:
+        """Solve exactly what OSQP did not, and warm-start OSQP from the solution."""
+        exact = self._exact.solve(data)
+        self._soft_rows_bind = exact.solved and data.shortfall(exact.x) > -SHORTFALL
         if not exact.solved:
             # Without a solution there is no warm start.
             self._solver = None
         elif self._solver is not None:
             self._solver.warm_start(x=exact.x / self._scale)
-        return Solution(exact.x, exact.solved, f"{status}; {fallback.name}: {exact.status}")
+        return Solution(exact.x, exact.solved, f"{status}; {self._exact.name}: {exact.status}")
 
 
 def _csc_index(mask: Array) -> tuple[Any, Any]:
@@ -178,6 +184,12 @@ def _csc(mask: Array, values: Array) -> Any:
     rows, _ = _csc_index(mask)
     pointers = np.concatenate(([0], np.cumsum(mask.astype(bool).sum(axis=0))))
     return sparse.csc_matrix((values, rows, pointers), shape=mask.shape)
+
+
+_EQUALITY, _SOFT = 5, 8
+"""DAQP's senses of rows: active and immutable; soft."""
+_DAQP_SOLVED = (1, 2)
+"""DAQP's exits: solved, or solved with soft rows violated."""
 
 
 class DaqpSolver:
@@ -193,21 +205,23 @@ class DaqpSolver:
                 "solver 'daqp' is not installed; pip install daqp, or choose solver osqp"
             ) from error
         self._daqp = daqp
-        # DAQP takes bounds on all variables first, then the general rows.
-        rows = NUM_VARIABLES + BOUNDS.start
-        self._lower, self._upper = np.full(rows, -1e30), np.full(rows, 1e30)
-        self._sense = np.zeros(rows, dtype=np.intc)
-        self._sense[NUM_VARIABLES : NUM_VARIABLES + EQUALITIES] = 5  # active, immutable: equality
 
     def solve(self, data: QpData) -> Solution:
         """Solve from scratch."""
-        lower, upper = self._lower, self._upper
-        lower[6:NV], upper[6:NV] = data.l[BOUNDS], data.u[BOUNDS]
-        lower[NUM_VARIABLES:] = data.l[: BOUNDS.start]
-        upper[NUM_VARIABLES:] = data.u[: BOUNDS.start]
-        general = data.A[: BOUNDS.start]
-        x, _, status, _ = self._daqp.solve(data.P, data.q, general, upper, lower, self._sense)
-        solved = status in (1, 2) and bool(np.isfinite(x).all())
+        # DAQP takes bounds on all variables first, then the general rows.
+        count = len(data.b)
+        lower = np.full(NUM_VARIABLES, -1e30), data.l[: BOUNDS.start], data.b
+        upper = np.full(NUM_VARIABLES, 1e30), data.u[: BOUNDS.start], np.full(count, 1e30)
+        lower[0][6:NV], upper[0][6:NV] = data.l[BOUNDS], data.u[BOUNDS]
+        sense = np.zeros(NUM_VARIABLES + BOUNDS.start + count, dtype=np.intc)
+        sense[NUM_VARIABLES : NUM_VARIABLES + EQUALITIES] = _EQUALITY
+        sense[NUM_VARIABLES + BOUNDS.start :] = _SOFT
+        rows = np.zeros((BOUNDS.start + count, NUM_VARIABLES))
+        rows[: BOUNDS.start], rows[BOUNDS.start :, :NV] = data.A[: BOUNDS.start], data.B
+        x, _, status, _ = self._daqp.solve(
+            data.P, data.q, rows, np.concatenate(upper), np.concatenate(lower), sense
+        )
+        solved = status in _DAQP_SOLVED and bool(np.isfinite(x).all())
         return Solution(np.asarray(x), solved, f"daqp exit {status}")
 
 
@@ -232,8 +246,15 @@ class QuadprogSolver:
         bounded_below[:EQUALITIES] = bounded_above[:EQUALITIES] = False
         C = np.vstack((data.A[:EQUALITIES], data.A[bounded_below], -data.A[bounded_above]))
         b = np.concatenate((data.l[:EQUALITIES], data.l[bounded_below], -data.u[bounded_above]))
+        # Each soft row has a variable that makes up for its violation.
+        count = len(data.b)
+        soft = np.hstack((data.B, np.zeros((count, NUM_VARIABLES - NV)), np.eye(count)))
+        C = np.vstack((np.pad(C, ((0, 0), (0, count))), soft))
+        P = np.pad(data.P, (0, count))
+        P[range(NUM_VARIABLES, len(P)), range(NUM_VARIABLES, len(P))] = SLACK_WEIGHT
+        q, b = np.pad(data.q, (0, count)), np.concatenate((b, data.b))
         try:
-            x = self._quadprog.solve_qp(data.P, -data.q, C.T.copy(), b, EQUALITIES)[0]
+            x = self._quadprog.solve_qp(P, -q, C.T.copy(), b, EQUALITIES)[0][:NUM_VARIABLES]
         except ValueError as error:
             return Solution(np.zeros(NUM_VARIABLES), False, str(error))
         return Solution(np.asarray(x), bool(np.isfinite(x).all()), "solved")
@@ -251,14 +272,6 @@ def make_solver(name: str) -> Solver:
     if name not in _SOLVERS:
         raise SolverUnavailableError(f"unknown solver {name!r}, expected one of {list(_SOLVERS)}")
     if name == OsqpSolver.name:
-        return OsqpSolver(fallback=_exact_solver())
+        return OsqpSolver(DaqpSolver())
     solver: Solver = _SOLVERS[name]()
     return solver
-
-
-def _exact_solver() -> Solver | None:
-    """Return the solver for QPs on which OSQP runs out of iterations; None if not installed."""
-    try:
-        return DaqpSolver()
-    except SolverUnavailableError:
-        return None
