@@ -13,6 +13,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 
+from common.robot import joints
 from common.robot.frames import COLLISION_SUFFIX
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
@@ -45,8 +46,8 @@ class Clearance(NamedTuple):
         pairs: their names.
         distance: (k,) between the nearest points; negative where parts overlap [m].
         rate: (k,) of change [m/s].
-        jacobian: (k, 33) of ``rate`` by the model's velocity; zero for the base, which moves all
-            parts alike.
+        jacobian: (k, 33) of ``rate`` by the velocity of the arms; zero in the other columns. The
+            base moves all parts alike, and the legs shall not make way for an arm.
     """
 
     pairs: list[tuple[str, str]]
@@ -128,9 +129,9 @@ class ClearanceModel:
         # Both nearest points lie on one line along the normal, of which these are the coordinates:
         # their product with a joint's axis is the velocity of either point along the normal.
         jacobian = np.array(lines).reshape(-1, 6).dot(data.J) * self._moved[near]
-        return Clearance(
-            [PAIRS[i] for i in near], self._measured[near], jacobian.dot(velocity), jacobian
-        )
+        rate = jacobian.dot(velocity)
+        jacobian[:, : 6 + joints.LEFT_ARM.start] = 0.0
+        return Clearance([PAIRS[i] for i in near], self._measured[near], rate, jacobian)
 
     def _perhaps_near(self, position: Array) -> list[int]:
         """Return the pairs that may have come within reach since they were last measured.

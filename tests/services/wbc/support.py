@@ -1,5 +1,6 @@
 """States, set-points and inputs under the test's control."""
 
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -145,4 +146,4 @@ class FakeInputs(Inputs):
 
 def copy_qp(data: QpData) -> QpData:
     """The builder reuses its arrays; a copy stays."""
-    return QpData(data.P.copy(), data.q.copy(), data.A.copy(), data.l.copy(), data.u.copy())
+    return replace(data, **{name: value.copy() for name, value in vars(data).items()})
