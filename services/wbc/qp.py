@@ -37,6 +37,8 @@ ARMS = slice(12, 24)
 """Motors of both arms; :data:`ARM_BOUNDS` are the rows of their accelerations."""
 ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
 INFINITY = 1e20
+SEPARATION_MAX = 50.0
+"""Limit of the acceleration at which near parts are made to separate [m/s²]."""
 AIRBORNE = 2.0
 """Normal force limit up to which a foot gets no wrench at all [N]."""
 FORCES = (slice(NV, NV + 6), slice(NV + 6, NV + 12))
@@ -168,7 +170,7 @@ class QpBuilder:
         gap = clearance.distance - limits.clearance_margin
         wanted: Array = -limits.clearance_stiffness * gap
         wanted -= limits.clearance_damping * clearance.rate
-        return wanted
+        return np.minimum(wanted, SEPARATION_MAX)
 
     def _arm_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
         """Return acceleration bounds (12,), (12,) that keep the arm joints inside their limits.

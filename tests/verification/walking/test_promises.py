@@ -9,8 +9,9 @@ import pytest
 from common.schemas import Gait
 from verification.walking import checks
 from verification.walking.checks import NOISY, STANDING, STEPPING, Check
+from verification.walking.meetings import Meeting, meetings, random_meetings
 from verification.walking.measures import push, silence, walk
-from verification.walking.stack import Scenario, Stack, commanded_stance
+from verification.walking.stack import NOISE, Scenario, Stack, commanded_stance
 
 
 def assert_kept(check: Check) -> None:
@@ -111,3 +112,20 @@ def test_exact_solver_walks_to_the_same_place() -> None:
         ends.append(stack.stance().position)
         assert np.linalg.norm(ends[-1] - goal.position) < 0.005
     assert np.linalg.norm(ends[0] - ends[1]) < 0.002
+
+
+FALLER = Meeting("middle", np.array((0.506, -0.025, 0.051)), np.array((0.506, -0.025, 0.051)))
+"""Here the upper arms once pressed the chest with 115 N each."""
+
+
+@pytest.mark.parametrize("index", [8, 14, 16, 21, 26, 30, 41, 53, 58])
+def test_hands_that_meet_each_other_or_the_body_topple_nothing(index: int) -> None:
+    """Those with which the robot fell before its arms were kept apart, some of each kind."""
+    meeting = random_meetings(300, 2026)[index]
+    numbers = meetings([meeting], Scenario(delay=0.02, noise=NOISE))
+    assert not numbers["falls"], meeting
+    assert float(numbers["force_n"]) < 100.0
+
+
+def test_arms_do_not_press_the_chest() -> None:
+    assert meetings([FALLER], Scenario(delay=0.02, noise=NOISE))["force_n"] == 0.0
