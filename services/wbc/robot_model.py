@@ -20,6 +20,7 @@ from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.clearance import Clearance, ClearanceModel
 from services.wbc.errors import ModelError
+from services.wbc.mjcf_subset import check_mjcf
 
 NUM_MOTORS = joints.NUM_MOTORS
 NV = 6 + NUM_MOTORS
@@ -83,10 +84,12 @@ class RobotModel:
     """Pinocchio model with locked fingers and merged knees; call :meth:`update` once a tick.
 
     Raises:
-        ModelError: the MJCF's joints are not the expected 27 in the expected order.
+        ModelError: the MJCF's joints are not the expected 27 in the expected order, or it uses
+            what MuJoCo and pinocchio read differently.
     """
 
     def __init__(self) -> None:
+        check_mjcf(joints.MJCF_PATH)
         full = pin.buildModelFromMJCF(str(joints.MJCF_PATH))
         locked = [full.getJointId(name) for pair in joints.FINGER_JOINTS.values() for name in pair]
         reference = pin.neutral(full)

@@ -88,9 +88,7 @@ class OsqpSolver:
 
     name = "osqp"
 
-    def __init__(
-        self, exact: "Solver", tolerance: float = 5e-6, max_iterations: int = 150
-    ) -> None:
+    def __init__(self, exact: "Solver", tolerance: float = 5e-6, max_iterations: int = 150) -> None:
         self._exact = exact
         self._tolerance = tolerance
         self._max_iterations = max_iterations

@@ -139,9 +139,7 @@ class Stack:
         )
         self.plant = self.plant_service.plant
         self.wbc_service = WbcService(scenario.wbc())
-        self.operator = WalkingOperator(
-            scenario.gaits, scenario.hands, scenario.hand_quaternions
-        )
+        self.operator = WalkingOperator(scenario.gaits, scenario.hands, scenario.hand_quaternions)
         half = f"{500.0 * scenario.delay:.6g}ms"
         self.runner = SimTimeRunner(
             [self.plant_service, self.wbc_service, self.operator],
