@@ -2,7 +2,8 @@
 
 OSQP keeps a workspace with a fixed sparsity pattern and starts from the last solution. The exact
 solvers start cold; they are alternatives, and the reference in the tests. The soft rows, whose
-number varies, are for the exact solvers; OSQP leaves a QP to DAQP where its own solution misses one.
+number varies, are for the exact solvers: OSQP leaves a QP to DAQP where its own solution misses
+one of them.
 """
 
 from dataclasses import dataclass

@@ -9,8 +9,8 @@ import numpy as np
 from common.schemas import Gait
 from services.wbc.footsteps import gait_displacement
 from verification.walking import measures
-from verification.walking.meetings import meetings, random_meetings
 from verification.walking.measures import Numbers, random_gaits
+from verification.walking.meetings import meetings, random_meetings
 from verification.walking.stack import NOISE, Scenario
 
 SIX = tuple(gait for gait in Gait if gait is not Gait.NONE)

@@ -76,18 +76,20 @@ def test_distances_are_those_of_the_plants_own_geoms(
     assert same > 0.6 * seen
 
 
+def _moved(model: RobotModel, state: RobotState, time: float) -> dict[tuple[str, str], float]:
+    """Distances after some time at the state's velocity."""
+    position = pin.integrate(model.model, state.position, time * state.velocity)
+    near = model.update(RobotState(position, state.velocity)).clearance
+    return dict(zip(near.pairs, near.distance, strict=True))
+
+
 def test_rate_and_jacobian_against_differences() -> None:
     """Away from overlap and from edges, where the nearest points jump."""
     model, seen = RobotModel(), 0
     for state in _states(STATES, seed=32):
         clearance = model.update(state).clearance
 
-        def distances(direction: Array, length: float) -> dict[tuple[str, str], float]:
-            moved = pin.integrate(model.model, state.position, length * direction)
-            near = model.update(RobotState(moved, state.velocity)).clearance
-            return dict(zip(near.pairs, near.distance, strict=True))
-
-        ahead, behind = (distances(state.velocity, length) for length in (STEP, -STEP))
+        ahead, behind = (_moved(model, state, length) for length in (STEP, -STEP))
         for k, pair in enumerate(clearance.pairs):
             if not (0.002 < clearance.distance[k] < REACH - 0.01):
                 continue
@@ -149,7 +151,7 @@ def test_no_joint_moves_a_part_faster_than_its_lever() -> None:
 
 def test_missing_geom_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(HULLS, "trunk", ("chest", "belly"))
-    with pytest.raises(ModelError, match="'belly_col'.*chest_col"):
+    with pytest.raises(ModelError, match="belly_col"):
         RobotModel()
 
 

@@ -9,8 +9,8 @@ import pytest
 from common.schemas import Gait
 from verification.walking import checks
 from verification.walking.checks import NOISY, STANDING, STEPPING, Check
-from verification.walking.meetings import Meeting, meetings, random_meetings
 from verification.walking.measures import push, silence, walk
+from verification.walking.meetings import Meeting, meetings, random_meetings
 from verification.walking.stack import NOISE, Scenario, Stack, commanded_stance
 
 
