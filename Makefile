@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite study tasks links faults fuzz loaders bench docs lint setup clean
+.PHONY: help demo drive top test suite study tasks links faults fuzz loaders mutants bench docs lint setup clean
 
 help: ## list the targets
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -44,6 +44,12 @@ fuzz: $(STAMP) ## give 100,000 damaged payloads to every decoder
 
 loaders: $(STAMP) ## load exported demonstrations in robomimic and lerobot, each in its own venv
 	$(BIN)/python -m verification.loaders $(ARGS)
+
+mutants: $(STAMP) ## change the guard's code in every way; each change must fail a test; minutes
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[mutation]'
+	rm -rf mutants
+	$(BIN)/python -m mutmut run $(ARGS)
+	$(BIN)/python -m mutmut results
 
 bench: $(STAMP) ## run every benchmark: bus, logger, controller, start
 	@set -e; for file in benchmarks/bench_*.py; do \

@@ -6,6 +6,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pydantic import ValidationError
 
+EXIT_WRONG_CONFIGURATION = 2
+"""Exit code of a program whose configuration or options are wrong."""
+EXIT_NAME_TAKEN = 4
+"""Exit code of a service that is running already."""
+EXITS_FOR_GOOD = frozenset({EXIT_WRONG_CONFIGURATION, EXIT_NAME_TAKEN})
+"""Exit codes of programs that would end so again; they are not started once more."""
+
 _LONGEST_VALUE = 60
 """Characters shown of a refused value."""
 
@@ -25,10 +32,10 @@ class ConfigError(TrillError):
 def report(program: str, error: TrillError) -> int:
     """Print the error with which ``program`` ends; return its exit code.
 
-    The code is 2 for a wrong configuration or option, else 1.
+    The code is :data:`EXIT_WRONG_CONFIGURATION`, or 1 for any other error.
     """
     print(f"{program}: {error}", file=sys.stderr)
-    return 2 if isinstance(error, ConfigError) else 1
+    return EXIT_WRONG_CONFIGURATION if isinstance(error, ConfigError) else 1
 
 
 def explain(error: "ValidationError") -> str:

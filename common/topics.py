@@ -78,6 +78,8 @@ class Topic(Generic[M_co]):
         per_source: every source publishes it under a key of its own.
         exclusive: there is one publisher at a time; a reader follows the first it hears until that
             is silent for ``max_age``, and refuses messages of any other.
+        fleet: may be sent to many robots at once, by a put on a wildcard key such as ``*/estop``;
+            a reader refuses such puts of other topics.
         doc: its content, for people.
     """
 
@@ -91,6 +93,7 @@ class Topic(Generic[M_co]):
     priority: Priority = Priority.INTERACTIVE
     per_source: bool = False
     exclusive: bool = False
+    fleet: bool = False
     doc: str = ""
 
 
@@ -122,7 +125,8 @@ PLANT_REQUEST = Topic(
 )
 ESTOP = Topic(
     "estop", Estop, _OPERATOR + _TOOL, _PLANT,
-    0.0, delivery=_EVENT, priority=_C, doc="emergency stop button, latched by the plant",
+    0.0, delivery=_EVENT, priority=_C, fleet=True,
+    doc="emergency stop button, latched by the plant",
 )
 ESTOP_CLEAR = Topic(
     "estop/clear", EstopClear, _OPERATOR + _TOOL, _PLANT,
@@ -254,6 +258,12 @@ def topic_table() -> str:
 
 
 if __name__ == "__main__":
+    from common.program import run_program
     from common.queries import query_table
 
-    print(topic_table(), query_table(), sep="\n\n")
+    def main() -> int:
+        """Print both tables."""
+        print(topic_table(), query_table(), sep="\n\n")
+        return 0
+
+    raise SystemExit(run_program("common.topics", main))

@@ -1,9 +1,7 @@
 """Declare supervised processes and report how they ended."""
 
-import contextlib
 import os
 import signal
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +17,8 @@ class ProcessSpec:
         name: short name; its log file is ``<name>.txt``.
         module: run as ``python -m <module>``.
         args: command-line arguments.
-        restart: whether it is started again after it failed (at most ``max_restarts`` times).
+        restart: whether it is started again after it failed, ``max_restarts`` times at most, unless
+            its exit code says that it would end so again (:data:`common.errors.EXITS_FOR_GOOD`).
         max_restarts: how often it is started again.
         spare: whether a second process waits with the module already imported, so that a restart
             takes no time for imports. It costs the memory of the imported packages, and the import
@@ -92,24 +91,3 @@ def tail(path: Path, lines: int = TAIL_LINES) -> tuple[str, ...]:
     except FileNotFoundError:
         return ()
     return tuple(line.rstrip() for line in text.splitlines() if line.strip())[-lines:]
-
-
-_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-
-
-@contextlib.contextmanager
-def signals_as_keyboard_interrupt() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGINT, SIGTERM and SIGHUP, so that the process cleans up.
-
-    SIGINT is among them because a background process of a shell script ignores it from the start.
-    """
-
-    def interrupt(_number: int, _frame: object) -> None:
-        raise KeyboardInterrupt
-
-    previous = {n: signal.signal(n, interrupt) for n in _ENDING}
-    try:
-        yield
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)

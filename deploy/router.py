@@ -55,7 +55,7 @@ def router_config(bus: BusConfig) -> BusConfig:
     It listens where ``bus`` says, or else on the port below its base port, and connects to what
     ``bus`` names, or else to the whole port table. The mode of ``bus`` is ignored.
     """
-    listen = bus.listen or (f"tcp/{bus.host}:{bus.base_port + ROUTER_OFFSET}",)
+    listen = bus.listen or (bus.endpoint(ROUTER_OFFSET),)
     return bus.model_copy(update={"mode": "router", "listen": listen})
 
 

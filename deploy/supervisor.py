@@ -17,6 +17,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO
 
+from common.errors import EXITS_FOR_GOOD
 from deploy.child import SPARE
 from deploy.errors import DeployError
 from deploy.process import Exit, ProcessSpec, tail
@@ -194,7 +195,7 @@ class Supervisor:
         _sweep(child)
         spec = child.spec
         expected = spec.may_finish and code == 0
-        again = code != 0 and child.restartable
+        again = code != 0 and code not in EXITS_FOR_GOOD and child.restartable
         if again:
             # The successor first: everything else can wait for it.
             self._restart(child)

@@ -1,16 +1,21 @@
 """The processes that make up a system, and the directory of a run."""
 
+import os
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.errors import ConfigError
+from common.transport.config import PORT_TABLE, BusConfig, read_config_file
 from deploy.errors import DeployError
 from deploy.process import ProcessSpec
 
 RUNS = Path("runs")
 """Directory of all runs, below the current directory."""
 LOG_FILE = "log.mcap"
+DEFAULT_TORQUE_MODE = "relaxed"
+"""Of plant and controller, where neither option nor configuration says."""
 OPERATOR = "teleop"
 """Name of the operator's process."""
 
@@ -49,7 +54,9 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
     """Declare the robot's side: router, logger, plant, cameras and controller."""
     limits = _option("--torque-mode", options.torque_mode)
     seed = None if options.seed is None else str(options.seed)
-    plant = (*limits, *_option("--seed", seed), *_option("--task", options.task))
+    # A plant that is restarted comes up stopped again.
+    latch = ("--latch-file", str(run_dir / "estop.json"))
+    plant = (*limits, *_option("--seed", seed), *_option("--task", options.task), *latch)
     return [
         ProcessSpec(
             "router",
@@ -88,6 +95,28 @@ def robot_processes(options: SystemOptions, run_dir: Path) -> list[ProcessSpec]:
     ]
 
 
+def check_torque_limits(options: SystemOptions) -> None:
+    """Refuse a configuration in which plant and controller have different torque limits.
+
+    Raises:
+        ConfigError: they differ, or the file cannot be read.
+    """
+    path = options.config or os.environ.get("TRILL_CONFIG")
+    if options.torque_mode is not None or not path:
+        return
+    tables = read_config_file(Path(path), also=["sim", "wbc"])
+    controller = tables.get("wbc", {})
+    plant = tables.get("sim", {}).get("torque_mode", DEFAULT_TORQUE_MODE)
+    limits = controller.get("limits", {})
+    planned = limits.get("torque_mode", controller.get("torque_mode", DEFAULT_TORQUE_MODE))
+    if plant != planned:
+        raise ConfigError(
+            f"{path}: the plant's torque limits, [sim] torque_mode, are {plant}, the controller's, "
+            f"[wbc] torque_mode, are {planned}; expected the same: the robot would fall. Set both, "
+            "or give --torque-mode"
+        )
+
+
 def _option(name: str, value: str | None) -> tuple[str, ...]:
     """Return a command-line option; nothing where a configuration file is to decide."""
     return () if value is None else (name, value)
@@ -108,9 +137,20 @@ def operator_process(*args: str, foreground: bool = False) -> ProcessSpec:
     )
 
 
-def environment(base_port: int, config: Path | None, links: str = "") -> dict[str, str]:
-    """Return the variables that make all processes of one system use the same bus and links."""
-    variables = {"TRILL_BASE_PORT": str(base_port)}
+def environment(bus: BusConfig, config: Path | None, links: str = "") -> dict[str, str]:
+    """Return the variables that make all processes of one system use the same bus and links.
+
+    They say everything by which a process could join another system, so that neither the shell's
+    variables nor the file decide about it.
+    """
+    variables = {
+        "TRILL_ROBOT": bus.robot,
+        "TRILL_MODE": bus.mode,
+        "TRILL_HOST": bus.host,
+        "TRILL_BASE_PORT": str(bus.base_port),
+        "TRILL_LISTEN": PORT_TABLE,
+        "TRILL_CONNECT": PORT_TABLE,
+    }
     if links:
         variables["TRILL_LINKS"] = links
     if config is not None:
@@ -140,11 +180,6 @@ def new_run_dir(root: Path = RUNS) -> Path:
             ) from error
         return path
     raise DeployError(f"too many runs at {stamp} in {root}")
-
-
-def log_path(given: Path) -> Path:
-    """Return the log file, given that or its run's directory."""
-    return given / LOG_FILE if given.is_dir() else given
 
 
 def terminal() -> bool:

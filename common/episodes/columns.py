@@ -14,6 +14,8 @@ from common.robot.joints import JOINT_NAMES
 CAMERAS = ("left", "right")
 """The stereo pair."""
 SIDES = ("left", "right")
+AXES = f"{BODY_FRAME}: x forward, y left, z up"
+"""Axes of the body frame, in words."""
 _POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 
 
@@ -28,7 +30,8 @@ class Column:
         names: names along the second axis; empty if there is one number a frame.
         frame: coordinate frame of the numbers; empty if they have none.
         dtype: numpy's name of the data type.
-        varies: whether the width depends on the scene; ``names`` is empty then.
+        varies: whether the width depends on the scene; ``names`` is empty then, and an episode's
+            file has the names.
     """
 
     path: str
@@ -92,8 +95,10 @@ COLUMNS: tuple[Column, ...] = (
         "sine, then cosine, of the measured joint positions",
         _joints("sin.") + _joints("cos."),
     ),
-    Column("observation/joint_velocity", "rad/s", "measured", JOINT_NAMES),
-    Column("observation/gripper_closure", "1", "measured; 0 open, 1 closed", SIDES),
+    Column("observation/joint_velocity", "rad/s", "measured joint velocities", JOINT_NAMES),
+    Column(
+        "observation/gripper_closure", "1", "measured closure of grippers; 0 open, 1 closed", SIDES
+    ),
     Column(
         "action/hands",
         _METRES,
@@ -110,11 +115,22 @@ COLUMNS: tuple[Column, ...] = (
         dtype="<i8",
     ),
     Column("action/neck", "rad", "head pitch set-point, positive looks down"),
-    Column("truth/base_position", "m", "torso_link's origin", ("x", "y", "z"), "world"),
-    Column("truth/base_quaternion", "1", "torso_link", ("qw", "qx", "qy", "qz"), "world"),
-    Column("truth/joint_position", "rad", "exact", JOINT_NAMES),
-    Column("truth/gripper_closure", "1", "exact; 0 open, 1 closed", SIDES),
-    Column("truth/scene_qpos", "rad, m", "the scene's joints, in model order", varies=True),
+    Column("truth/base_position", "m", "position of torso_link's origin", ("x", "y", "z"), "world"),
+    Column(
+        "truth/base_quaternion",
+        "1",
+        "orientation of torso_link, (w, x, y, z)",
+        ("qw", "qx", "qy", "qz"),
+        "world",
+    ),
+    Column("truth/joint_position", "rad", "exact joint positions", JOINT_NAMES),
+    Column("truth/gripper_closure", "1", "exact closure of grippers; 0 open, 1 closed", SIDES),
+    Column(
+        "truth/scene_qpos",
+        "rad, m",
+        "positions of the scene's joints, in model order; free bodies as x, y, z, qw, qx, qy, qz",
+        varies=True,
+    ),
 )
 """The ``truth`` arrays pose robot and scene, so that pictures can be rendered at any size."""
 

@@ -2,15 +2,16 @@
 
 Any language reads HDF5, a training loop can read ten frames out of the middle, and names, units
 and frames sit beside the numbers. Pictures are JPEG files one after another in
-``images/<camera>/data``; picture i is ``data[offset[i]:offset[i + 1]]``. Nothing in a file depends
-on when or where it was written: the same seed gives the same bytes.
+``images/<camera>/data``; picture i is ``data[offset[i]:offset[i + 1]]``. The attributes of
+``images/<camera>`` describe the camera. Nothing in a file depends on when it was written: the same
+seed gives the same bytes on like processors, whose kind ``meta`` names.
 
 Reading needs h5py, numpy and pydantic only; decoding a picture needs OpenCV besides.
 """
 
 import io
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
@@ -19,9 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from common.episodes.columns import BY_PATH, CAMERAS, COLUMNS, Rows
-from common.episodes.errors import EpisodeError
+from common.episodes.columns import AXES, BY_PATH, CAMERAS, COLUMNS, Rows
+from common.episodes.errors import EpisodeDamagedError, EpisodeError, reading
 from common.errors import explain
+from common.robot.cameras import PinholeCamera, stereo_pair
+from common.robot.frames import BODY_FRAME, CAMERA_BASELINE
 
 FORMAT = "trill-episode"
 SCHEMA_VERSION = 2
@@ -63,6 +66,10 @@ class EpisodeMeta(BaseModel):
     )
     versions: dict[str, str] = Field(description="versions of Python and packages")
     source: str = Field(default="", description="digest of the code that made it; empty: unknown")
+    machine: str = Field(
+        default="",
+        description="kind of processor and numerical libraries; on others the last digits differ",
+    )
 
     @property
     def success(self) -> bool:
@@ -70,13 +77,19 @@ class EpisodeMeta(BaseModel):
         return self.verdict == "success"
 
 
-def to_bytes(meta: EpisodeMeta, rows: Rows, pictures: Mapping[str, Sequence[bytes]]) -> bytes:
+def to_bytes(
+    meta: EpisodeMeta,
+    rows: Rows,
+    pictures: Mapping[str, Sequence[bytes]],
+    names: Mapping[str, Sequence[str]] | None = None,
+) -> bytes:
     """Return the content of an episode's file.
 
     Args:
         meta: metadata of the episode.
         rows: its frames.
         pictures: JPEG files by camera, one a frame; empty: the episode has none.
+        names: names along the second axis of the arrays whose width depends on the scene, by path.
     """
     buffer = io.BytesIO()
     with h5py.File(buffer, "w") as file:
@@ -91,11 +104,46 @@ def to_bytes(meta: EpisodeMeta, rows: Rows, pictures: Mapping[str, Sequence[byte
             data.attrs["doc"], data.attrs["unit"] = column.doc, column.unit
             if column.frame:
                 data.attrs["frame"] = column.frame
-            if column.names:
-                data.attrs["names"] = list(column.names)
+            if column.frame == BODY_FRAME:
+                data.attrs["axes"] = AXES
+            if named := column.names or (names or {}).get(column.path):
+                data.attrs["names"] = list(named)
         for camera, files in pictures.items():
-            _write_pictures(file.create_group(f"images/{camera}"), files)
+            group = file.create_group(f"images/{camera}")
+            _write_pictures(group, files)
+            if meta.picture_size is not None:
+                group.attrs.update(camera_attributes(stereo_pair()[camera], meta.picture_size))
     return buffer.getvalue()
+
+
+def camera_attributes(
+    camera: PinholeCamera, original: tuple[int, int], shown: tuple[int, int] | None = None
+) -> dict[str, Any]:
+    """Return what describes a camera of the stereo pair beside its pictures.
+
+    Args:
+        camera: the camera.
+        original: width and height at which pictures were rendered [pixels].
+        shown: width and height to which they were scaled; None: they were not.
+    """
+    width, height = shown or original
+    return {
+        "model": "pinhole, no distortion",
+        "width": width,
+        "height": height,
+        "camera_matrix": camera.matrix(original, shown),
+        "fovy_deg": camera.fovy_deg,
+        "parent": camera.parent,
+        "position_in_parent": np.array(camera.position),
+        "quaternion_in_parent": np.array(camera.quaternion),
+        "baseline": CAMERA_BASELINE,
+        "camera_doc": (
+            "camera_matrix [pixels] by OpenCV's convention: x right, y down, z into the picture; "
+            "the centre of the first pixel is (0, 0). Position [m] and quaternion (w, x, y, z) of "
+            f"these axes in the parent body {camera.parent}, which the joint neck_pitch turns. "
+            "Baseline [m] between left and right"
+        ),
+    }
 
 
 def _write_pictures(group: Any, files: Sequence[bytes]) -> None:
@@ -112,18 +160,19 @@ class Episode:
         meta: metadata of the episode.
     """
 
-    def __init__(self, file: Any, meta: EpisodeMeta) -> None:
-        self._file, self.meta = file, meta
+    def __init__(self, path: Path, file: Any, meta: EpisodeMeta) -> None:
+        self._path, self._file, self.meta = path, file, meta
 
     def array(self, path: str, frames: slice = slice(None)) -> NDArray[Any]:
         """Return a column of :data:`~common.episodes.columns.COLUMNS`; its first axis is frames.
 
         Raises:
-            EpisodeError: there is no such column.
+            EpisodeError: there is no such column, or it cannot be read.
         """
         if path not in BY_PATH:
             raise EpisodeError(f"unknown array {path!r}: expected one of {', '.join(BY_PATH)}")
-        return np.asarray(self._file[path][frames])
+        with reading(self._path):
+            return np.asarray(self._file[path][frames])
 
     @property
     def has_pictures(self) -> bool:
@@ -134,16 +183,17 @@ class Episode:
         """Return one picture as a JPEG file.
 
         Raises:
-            EpisodeError: there are no pictures, or no such frame.
+            EpisodeError: there are no pictures, or no such frame, or it cannot be read.
         """
         if not self.has_pictures or camera not in CAMERAS or not 0 <= frame < self.meta.frames:
             raise EpisodeError(
                 f"no picture of the {camera} camera in frame {frame}: the episode has "
                 f"{self.meta.frames} frames {'with' if self.has_pictures else 'without'} pictures"
             )
-        group = self._file[f"images/{camera}"]
-        begin, end = group["offset"][frame : frame + 2]
-        return bytes(group["data"][begin:end].tobytes())
+        with reading(self._path):
+            group = self._file[f"images/{camera}"]
+            begin, end = group["offset"][frame : frame + 2]
+            return bytes(group["data"][begin:end].tobytes())
 
     def picture(self, camera: str, frame: int) -> Image:
         """Decode one picture (height, width, 3) RGB; this needs OpenCV.
@@ -158,8 +208,8 @@ class Episode:
         try:
             picture = cv2.cvtColor(cv2.imdecode(file, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
         except cv2.error as error:
-            raise EpisodeError(
-                f"the picture of the {camera} camera in frame {frame} is damaged: "
+            raise EpisodeDamagedError(
+                f"{self._path}: the picture of the {camera} camera in frame {frame} is damaged: "
                 f"{str(error).partition(chr(10))[0]}"
             ) from error
         return np.asarray(picture, dtype=np.uint8)
@@ -169,14 +219,16 @@ class Episode:
 def open_episode(path: Path) -> Iterator[Episode]:
     """Open an episode's file for reading.
 
+    Only errors of this file become an :class:`EpisodeError`; those of the caller's work do not.
+
     Raises:
-        EpisodeError: it is no episode file, or one of another version.
+        EpisodeError: it cannot be reached, is no episode file, or one of another version.
     """
-    try:
-        with h5py.File(path, "r") as file:
-            yield Episode(file, _meta_of(path, file))
-    except OSError as error:
-        raise EpisodeError(f"cannot read {path} as an episode: {error}") from error
+    with ExitStack() as stack:
+        with reading(path):
+            file = stack.enter_context(h5py.File(path, "r"))
+            meta = _meta_of(path, file)
+        yield Episode(path, file, meta)
 
 
 def _meta_of(path: Path, file: Any) -> EpisodeMeta:

@@ -14,11 +14,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict
 
 from common.episodes.episode_file import EpisodeMeta, open_episode
-from common.episodes.errors import EpisodeError
 
 DATASET, INDEX, EPISODES, REJECTED = "dataset.json", "index.jsonl", "episodes", "rejected"
-DAMAGED = (KeyError, MemoryError, OSError, RuntimeError, TypeError, ValueError)
-"""What h5py raises where bytes of a file are wrong, besides :class:`EpisodeError`."""
 
 
 class IndexLine(BaseModel):
@@ -72,10 +69,7 @@ def read_meta(path: Path) -> EpisodeMeta:
     """Read the metadata of the episode in a file.
 
     Raises:
-        EpisodeError: it is no episode, one of another version, or damaged.
+        EpisodeError: it cannot be reached, is no episode, one of another version, or damaged.
     """
-    try:
-        with open_episode(path) as episode:
-            return episode.meta
-    except DAMAGED as error:
-        raise EpisodeError(f"cannot read {path} as an episode, it is damaged: {error}") from error
+    with open_episode(path) as episode:
+        return episode.meta

@@ -13,10 +13,12 @@ from common.wire.header import wire_header
 
 LATEST_BACKLOG = 32
 """Payloads of a latest-value topic kept for a service that does not read."""
-EVENT_BACKLOG = 256
-"""The same for an event topic."""
+EVENT_BACKLOG = 4096
+"""The same for an event topic, where each one matters: a thousand at one instant are all kept."""
 LINK_BACKLOG = 4096
 """The same in front of a delay line, which must see every arrival."""
+WILDCARD = "*"
+"""In the place of a tag: the message was put on a wildcard key, and is refused."""
 NEVER = 2**63
 """A time out of reach [ns]."""
 

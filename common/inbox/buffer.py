@@ -3,14 +3,12 @@
 import logging
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
-from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 from common.errors import SchemaError
-from common.inbox.arrivals import ArrivalQueue, RawMessage
-from common.journal.journal import Journal
+from common.inbox.arrivals import WILDCARD, ArrivalQueue, RawMessage
+from common.inbox.context import NO_LIMIT, FollowedSender, InboxContext
 from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
 from common.schemas import Header, Message, Sender
@@ -19,34 +17,14 @@ from common.wire.codec import decode, schema_tag
 from common.wire.header import wire_header
 from common.wire.sequence import MessageOrder, SequenceTracker
 
-_NEVER = 2**63
 _RATE_WINDOW_NS = 1_000_000_000
 _RATE_KEPT = 4096
 _MAX_SENDERS = 64
+_MAX_HISTORY = 4096
 _LOG_INTERVAL_S = 1.0
 _MAX_REFUSAL = 400
 
 _log = logging.getLogger(__name__)
-
-
-def _same_clock(_header: Header) -> int:
-    return 0
-
-
-@dataclass(frozen=True)
-class InboxContext:
-    """What the buffers of an inbox share.
-
-    Attributes:
-        offset_of: returns this clock minus that of the sender of a message [ns]; :data:`UNKNOWN`
-            if not known.
-        clock: to time the decoding with [ns]; None: not timed.
-        journal: records every message that is taken in.
-    """
-
-    offset_of: Callable[[Header], int] = _same_clock
-    clock: Callable[[], int] | None = None
-    journal: Journal | None = None
 
 
 class TopicBuffer:
@@ -62,8 +40,9 @@ class TopicBuffer:
         updated: whether a good message became visible in the current step.
         good_ns: arrival of the last good message [ns].
         received: messages decoded or refused.
-        refused, late, repeated, stale, adapted: as in :class:`~common.schemas.LinkHealth`.
-        last_refusal: why the last refused message was refused.
+        refused, late, repeated, stale, adapted, foreign: as in
+            :class:`~common.schemas.LinkHealth`.
+        last_refusal: why the last message that was refused, or had no age, was not applied.
     """
 
     def __init__(
@@ -79,12 +58,14 @@ class TopicBuffer:
             topic: what it takes in.
             line: delays arrivals.
             context: clock offsets and journal.
-            max_age: messages older than this on arrival are not applied [s]; None: the topic's own.
+            max_age: messages older than this on arrival are not applied, and the last good one is
+                fresh for as long [s]; None: the topic's own.
         """
         self.topic = topic
         self._context = context or InboxContext()
         age = topic.max_age if max_age is None else max_age
-        self._max_age_ns = round(1e9 * age) if age < 1e9 else _NEVER
+        self._max_age_ns = round(1e9 * age) if age < 1e9 else NO_LIMIT
+        self._followed = FollowedSender(self._max_age_ns) if topic.exclusive else None
         self.is_event = topic.delivery is Delivery.EVENT
         schema: type[Message] = topic.schema
         self._tag = schema_tag(schema)
@@ -97,10 +78,13 @@ class TopicBuffer:
         self.updated = False
         self.good_ns = 0
         self.received = self.refused = self.late = self.repeated = self.stale = self.adapted = 0
+        self.foreign = 0
         self.last_refusal = ""
         self._sequence = SequenceTracker()
         self._skipped_seen = 0
         self._arrivals: deque[int] = deque(maxlen=_RATE_KEPT)
+        self._history: deque[tuple[int, Message]] = deque(maxlen=_MAX_HISTORY)
+        self._history_ns = 0
         self._logged_at = -_LOG_INTERVAL_S
 
     @property
@@ -113,8 +97,8 @@ class TopicBuffer:
         return 1e-9 * (now_ns - self.good_ns) if self.value is not None else inf
 
     def is_fresh(self, now_ns: int) -> bool:
-        """Whether the last good message arrived within the topic's ``max_age``."""
-        return self.value is not None and self.age(now_ns) <= self.topic.max_age
+        """Whether the last good message arrived within the largest age that is applied."""
+        return self.value is not None and now_ns - self.good_ns <= self._max_age_ns
 
     def release(self, now_ns: int) -> bool:
         """Pass payloads through the link, if any; returns whether any fell due by ``now_ns``."""
@@ -157,18 +141,38 @@ class TopicBuffer:
         if self.is_event:
             self.events.append(message)
             return
+        if self._history_ns:
+            self._history.append((arrival_ns, message))
+            self._forget()
         sender = message.header.sender
         self.by_sender[sender] = message
         self.by_sender.move_to_end(sender)
         if len(self.by_sender) > _MAX_SENDERS:
             self.by_sender.popitem(last=False)
 
+    def history(self, span_ns: int) -> list[Message]:
+        """Return good messages that arrived up to ``span_ns`` before the newest, oldest first.
+
+        They are kept from the first call on, for the longest span that was asked for.
+        """
+        if span_ns > self._history_ns:
+            if not self._history_ns and self.value is not None:
+                self._history.append((self.good_ns, self.value))
+            self._history_ns = span_ns
+        return [message for at, message in self._history if self.good_ns - at <= span_ns]
+
+    def _forget(self) -> None:
+        """Remove what is too long ago for the history."""
+        history, start = self._history, self.good_ns - self._history_ns
+        while history[0][0] < start:
+            history.popleft()
+
     def _process(self, raw: RawMessage) -> None:
         """Decode one message, decide about it and record it."""
         clock = self._context.clock
         started = clock() if clock else 0
         try:
-            message = decode(raw.payload, self.topic.schema, raw.tag, raw.injected_ns)
+            message = self._decode(raw)
         except SchemaError as error:
             self._refuse(error)
             head = wire_header(raw.payload)
@@ -177,15 +181,38 @@ class TopicBuffer:
         self.adapted += raw.tag is not None and raw.tag != self._tag
         header = message.header
         offset = self._context.offset_of(header)
-        transit = raw.arrival_ns - raw.injected_ns - header.sent - offset
-        if offset != UNKNOWN and header.sent and transit > self._max_age_ns:
-            self.stale += 1
-            self._observe(header)
-            outcome = InputOutcome.STALE
-        else:
+        outcome = self._judge_sender(header, offset, raw.arrival_ns - raw.injected_ns)
+        if outcome is InputOutcome.APPLIED:
             outcome = self._accept(message, raw.arrival_ns)
+        else:
+            self._observe(header)
         decode_ns = clock() - started if clock else 0
         self._record(outcome, header, raw, _times(raw, offset, decode_ns))
+
+    def _decode(self, raw: RawMessage) -> Message:
+        if raw.tag == WILDCARD:
+            raise SchemaError("put on a wildcard key; expected the topic's own")
+        schema: type[Message] = self.topic.schema
+        return decode(raw.payload, schema, raw.tag, raw.injected_ns)
+
+    def _judge_sender(self, header: Header, offset: int, arrived_ns: int) -> InputOutcome:
+        """Decide by age and sender whether a message may be applied."""
+        followed = self._followed
+        old = self._context.is_too_old(header, offset, arrived_ns, self._max_age_ns)
+        ours = followed is None or followed.takes(header.sender, arrived_ns, old=old)
+        if old:
+            self.stale += 1
+            if offset == UNKNOWN:
+                self._say(
+                    f"{header.source or 'a nameless sender'} does not tell its clock, so the age "
+                    "of its messages is unknown; it has to answer clock queries"
+                )
+            return InputOutcome.STALE
+        if followed is None or ours:
+            return InputOutcome.APPLIED
+        self.foreign += 1
+        self._say(f"message from {_name(header.sender)}, following {_name(followed.sender)}")
+        return InputOutcome.FOREIGN
 
     def _record_lost(self, raw: RawMessage) -> None:
         """Record a message that the link dropped on purpose."""
@@ -206,9 +233,8 @@ class TopicBuffer:
         """Show a good message, unless it repeats or (for a latest value) was overtaken."""
         order = self._observe(message.header)
         if order is MessageOrder.IMPLAUSIBLE:
-            self._refuse(
-                SchemaError(f"sequence number {message.header.seq} is far beyond the last")
-            )
+            self.refused += 1
+            self._say(f"sequence number {message.header.seq} is far beyond the last")
             return InputOutcome.REFUSED
         if order is MessageOrder.REPEATED:
             self.repeated += 1
@@ -232,11 +258,20 @@ class TopicBuffer:
         """Count a bad message; the last good value stands."""
         self.refused += 1
         self._sequence.discount(1)
-        self.last_refusal = str(error)[:_MAX_REFUSAL]
+        self._say(str(error))
+
+    def _say(self, why: str) -> None:
+        """Note why a message was not applied, and log it once a second at most."""
+        self.last_refusal = why[:_MAX_REFUSAL]
         now = time.monotonic()
         if now - self._logged_at >= _LOG_INTERVAL_S:
             self._logged_at = now
-            _log.warning("refused %s (%d so far): %s", self.topic.name, self.refused, error)
+            count = self.refused + self.foreign + self.stale
+            _log.warning("refused %s (%d so far): %s", self.topic.name, count, why)
+
+
+def _name(sender: Sender | None) -> str:
+    return "nobody" if sender is None else f"{sender.source} boot {sender.boot:x}"
 
 
 def _times(raw: RawMessage, offset: int, decode_ns: int) -> InputTimes:

@@ -31,6 +31,7 @@ def health_of(buffer: TopicBuffer, now_ns: int, journal: Journal | None, link: s
         skipped=buffer.queue.skipped,
         stale=buffer.stale,
         adapted=buffer.adapted,
+        foreign=buffer.foreign,
         refused=buffer.refused,
         last_refusal=buffer.last_refusal,
     )

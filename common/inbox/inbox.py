@@ -22,7 +22,8 @@ from typing import Any, TypeVar, cast
 
 from common.errors import TrillError
 from common.inbox.arrivals import NEVER
-from common.inbox.buffer import InboxContext, TopicBuffer
+from common.inbox.buffer import TopicBuffer
+from common.inbox.context import InboxContext
 from common.inbox.health import health_of
 from common.links.config import CAMERAS, Links, link_seed
 from common.links.delay import DelayLine, DelayStats
@@ -31,6 +32,8 @@ from common.schemas import LinkHealth, Message, Sender
 from common.topics import Topic
 
 M = TypeVar("M", bound=Message)
+_PAIRED_S = 1.0
+"""Within it the messages of a pair arrive [s]."""
 
 
 class Inbox:
@@ -59,8 +62,8 @@ class Inbox:
             seed: the run's seed for links without their own.
             trigger: topic whose arrivals wake :meth:`wait`.
             context: clock offsets and journal; None: one clock, no journal.
-            max_age: by topic name, how old a message may be on arrival to be applied [s], where
-                it differs from the table's.
+            max_age: by topic name, how old a message may be on arrival to be applied, and how long
+                it then stays fresh [s], where it differs from the table's.
         """
         links = links or Links()
         self._service, self._seed = service, seed
@@ -136,12 +139,30 @@ class Inbox:
         """Last good message of a latest-value topic from each sender, most recent last."""
         return cast("dict[Sender, M]", dict(self._buffer(topic).by_sender))
 
+    def history(self, topic: Topic[M], seconds: float) -> list[M]:
+        """Good messages that arrived up to ``seconds`` before the newest, oldest first.
+
+        They are kept from the first call on.
+        """
+        return cast("list[M]", self._buffer(topic).history(round(1e9 * seconds)))
+
+    def latest_pair(self, left: Topic[M], right: Topic[M]) -> tuple[M, M] | None:
+        """Newest messages of two topics with the same ``stamp``, such as stereo pictures.
+
+        None if there are none within the last second; see :meth:`history`.
+        """
+        rights = {message.header.stamp: message for message in self.history(right, _PAIRED_S)}
+        for message in reversed(self.history(left, _PAIRED_S)):
+            if (other := rights.get(message.header.stamp)) is not None:
+                return message, other
+        return None
+
     def updated(self, topic: Topic[Any]) -> bool:
         """Whether a good message arrived since the previous step."""
         return self._buffer(topic).updated
 
     def fresh(self, topic: Topic[Any]) -> bool:
-        """Whether the last good message arrived within the topic's ``max_age``."""
+        """Whether the last good message arrived within the topic's largest age."""
         return self._buffer(topic).is_fresh(self._now)
 
     def age(self, topic: Topic[Any]) -> float:

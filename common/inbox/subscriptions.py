@@ -6,10 +6,11 @@ from typing import Any
 
 import zenoh
 
+from common.inbox.arrivals import WILDCARD
 from common.inbox.inbox import Inbox
 from common.schemas import Message
 from common.topics import Topic
-from common.transport.keys import subscription_of
+from common.transport.keys import is_wildcard, subscription_of
 from common.transport.session import tag_of, wire_encoding
 from common.wire.codec import schema_tag
 
@@ -35,12 +36,14 @@ def _receiver(inbox: Inbox, topic: Topic[Any]) -> Callable[[Any], None]:
     """Return a callback that passes on payload and arrival time, and does nothing else."""
     schema: type[Message] = topic.schema
     expected = wire_encoding(schema_tag(schema))
-    offer, name, clock = inbox.offer, topic.name, time.monotonic_ns
+    offer, name, fleet, clock = inbox.offer, topic.name, topic.fleet, time.monotonic_ns
 
     def receive(sample: Any) -> None:
         arrival_ns = clock()
         encoding = sample.encoding
         tag = None if encoding == expected else tag_of(encoding)
+        if not fleet and is_wildcard(str(sample.key_expr)):
+            tag = WILDCARD
         offer(name, sample.payload.to_bytes(), arrival_ns, tag)
 
     return receive

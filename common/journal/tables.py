@@ -59,6 +59,8 @@ class InputOutcome(IntEnum):
     """Overtaken by a newer one, or repeated."""
     LOST = 4
     """Dropped by the link on purpose."""
+    FOREIGN = 5
+    """From another sender than the one that is followed."""
 
 
 class InputTimes(NamedTuple):

@@ -2,8 +2,8 @@
 
 A link is a topic on its way to one consumer. A name is ``[service:]topic`` or ``[service:]alias``;
 without a service it means every consumer. An alias (:data:`ALIASES`) stands for all links of a
-kind. The emergency stop, requests to the plant and the joint command belong to no alias: they are
-delayed only under their own names.
+kind. The emergency stop, requests to the plant, the joint command and an operator's claim to the
+robot belong to no alias: they are delayed only under their own names.
 
 Two rules choose among several names that cover the same link:
 
@@ -33,8 +33,10 @@ from common.topics import (
     TASK_STATUS,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
+    WBC_AUTHORITY,
     WBC_REPLY,
     WBC_STATE,
+    WBC_TARGET,
 )
 
 LAYERS = ";;"
@@ -44,7 +46,16 @@ CAMERAS = frozenset({CAMERA_LEFT.name, CAMERA_RIGHT.name})
 """Topics of the stereo pair, which are delayed and lost alike."""
 
 _TOPICS = frozenset(topic.name for topic in ALL_TOPICS)
-_OBSERVED = (PLANT_STATE, PLANT_STATUS, TASK_SCENE, TASK_STATUS, WBC_STATE, WBC_REPLY)
+_OBSERVED = (
+    PLANT_STATE,
+    PLANT_STATUS,
+    TASK_SCENE,
+    TASK_STATUS,
+    WBC_STATE,
+    WBC_REPLY,
+    WBC_AUTHORITY,
+    WBC_TARGET,
+)
 _CAMERA = frozenset(("", name) for name in CAMERAS)
 _COMMAND = frozenset(
     (controller, topic.name)
@@ -63,7 +74,8 @@ class Alias(NamedTuple):
 
 ALIASES: Mapping[str, Alias] = {
     "command": Alias(
-        "operator or policy → robot: set-points and gait requests, at the controller", _COMMAND
+        "operator or policy → robot: set-points and gait requests, at the controller",
+        _COMMAND,
     ),
     "camera": Alias("both cameras, delayed and lost alike, for every consumer", _CAMERA),
     "feedback": Alias(

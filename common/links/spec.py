@@ -5,6 +5,7 @@
     lognormal(122ms, 190ms) corr=500ms
     constant(20ms) loss=0.5%
     trace(recorded_delays.csv) order=free
+    loss=5%
     paper loss=1%
 
 A trace file has one delay a line, with a unit (``12.5ms``) or in seconds. A name alone is one of
@@ -43,7 +44,13 @@ minute, but set-points that are overtaken are not applied.
 
 _UNITS = {"ns": 1e-9, "us": 1e-6, "ms": 1e-3, "s": 1.0}
 _DURATION = re.compile(r"([0-9]*\.?[0-9]+(?:[eE][+-]?[0-9]+)?)\s*(ns|us|ms|s)?")
-_SPEC = re.compile(r"(?:(?P<name>[a-z]+)\s*\((?P<inner>[^)]*)\)|(?P<plain>[^\s(=]+))(?P<rest>.*)")
+_HEADING = re.compile(r"[^0-9,;]+")
+_SPEC = re.compile(
+    r"(?:(?P<name>[a-z]+)\s*\((?P<inner>.*)\)"
+    r"|(?P<plain>[0-9.][0-9.eE+-]*\s*(?:ns|us|ms|s)?(?!\S)|[^\s(=]+(?!\S)))?"
+    r"(?P<rest>(?:\s*[a-z]+=\S+)*)\s*"
+)
+"""A delay, options, or both. A file name may hold parentheses: its last one ends it."""
 _HELP = (
     "expected e.g. '250ms', 'normal(122ms, 190ms) loss=1% seed=7', 'lognormal(122ms, 190ms) "
     "corr=500ms', 'trace(delays.csv) order=free', 'paper'"
@@ -148,13 +155,16 @@ def parse_duration(text: str) -> float:
 
 
 def read_trace(path: Path) -> tuple[float, ...]:
-    """Read recorded delays [s], one a line; blank lines and lines starting with # are skipped.
+    """Read recorded delays [s], one a line, as spreadsheets and scripts write them.
+
+    Blank lines, lines starting with #, a byte order mark and a heading in the first line are
+    skipped.
 
     Raises:
         ConfigError: the file cannot be read, is empty, or a line is not a duration.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(f"cannot read the delay trace {path}: {error}") from error
     delays = []
@@ -163,6 +173,8 @@ def read_trace(path: Path) -> tuple[float, ...]:
         if not entry or entry.startswith("#"):
             continue
         match = _DURATION.fullmatch(entry)
+        if match is None and number == 1 and _HEADING.fullmatch(entry):
+            continue
         if match is None:
             raise ConfigError(f"{path} line {number}: expected one delay a line, got {entry!r}")
         delays.append(float(match[1]) * _UNITS[match[2] or "s"])
@@ -174,14 +186,15 @@ def read_trace(path: Path) -> tuple[float, ...]:
 def _values(text: str) -> dict[str, Any]:
     """Parse the string form into fields."""
     match = _SPEC.fullmatch(text.strip())
-    if match is None:
+    if match is None or not match[0]:
         raise ConfigError(f"link specification {text!r} not understood; {_HELP}")
-    values: dict[str, Any]
-    if match["plain"] in PRESETS:
-        values = _values(PRESETS[match["plain"]])
-    elif match["plain"] is not None:
-        values = {"mean": parse_duration(match["plain"])}
-    else:
+    plain = match["plain"]
+    values: dict[str, Any] = {}
+    if plain in PRESETS:
+        values = _values(PRESETS[plain])
+    elif plain is not None:
+        values = {"mean": parse_duration(plain)}
+    elif match["name"] is not None:
         values = _distribution(match["name"], match["inner"], text)
     for option in match["rest"].split():
         values |= _option(option, text)

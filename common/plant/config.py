@@ -21,7 +21,7 @@ class TorqueMode(StrEnum):
 
 
 class GuardConfig(BaseModel):
-    """Timeouts of the command guard, in robot time since the applied command's stamp."""
+    """Timeouts of the command guard in robot time, and where it keeps an emergency stop."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -30,6 +30,20 @@ class GuardConfig(BaseModel):
     )
     damp_after: float = Field(
         default=5.0, gt=0.0, description="time after which they are only damped [s]"
+    )
+    takeover_after: float = Field(
+        default=1.0,
+        gt=0.0,
+        description="silence after which a controller of another name is obeyed; one of the same "
+        "name, a restarted one, is obeyed as soon as the joints hold [s]",
+    )
+    stop_beat_timeout: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="hold the joints unless a stop button was heard within this time, 0: off [s]",
+    )
+    latch_file: str = Field(
+        default="", description="file that keeps an emergency stop over a restart; empty: none"
     )
 
     @model_validator(mode="after")

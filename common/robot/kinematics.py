@@ -1,4 +1,4 @@
-"""Forward kinematics of feet and hands in the body frame, from the MJCF alone.
+"""Kinematics of feet and hands in the body frame, from the MJCF alone.
 
 It needs numpy and the standard library only, so that whoever records demonstrations, shows a
 picture or runs a policy computes these poses alike, without a dynamics library.
@@ -13,12 +13,31 @@ import numpy as np
 
 from common.errors import TrillError
 from common.robot.frames import BODY_FRAME, FOOT_FRAMES, FORWARD_HAND_IN_BODY, HAND_FRAMES
-from common.robot.joints import JOINT_INDEX, MJCF_PATH
+from common.robot.joints import (
+    JOINT_INDEX,
+    LEFT_LEG,
+    MJCF_PATH,
+    MOTOR_TO_JOINT,
+    POSITION_LOWER,
+    POSITION_UPPER,
+    RIGHT_LEG,
+)
 from common.robot.pose import Pose
-from common.robot.rotations import multiply, nearer_sign, normalised, rotate_vector
+from common.robot.rotations import (
+    multiply,
+    nearer_sign,
+    normalised,
+    rotate_vector,
+    rotation_between,
+)
 from common.schemas.arrays import Float64Array as Array
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0)
+_LEG = {"left": LEFT_LEG, "right": RIGHT_LEG}
+_ITERATIONS = 5
+"""Of Newton's method for a leg; from 5 cm away the fourth is exact to 0.1 mm."""
+_DAMPING = 1e-6
+"""Added to J J' [m²], so that a stretched leg moves no further than it can."""
 FLAT_FOOT = np.array(_IDENTITY)
 FORWARD_HAND = np.array(FORWARD_HAND_IN_BODY)
 """Of the two quaternions of an orientation, recorded vectors hold the one nearer to these."""
@@ -83,13 +102,48 @@ def end_effector_poses(joint_position: Array) -> Array:
     return np.concatenate(parts)
 
 
-def _site_in_body(site: str, joint_position: Array) -> Pose:
+def leg_reaching(side: str, goal: Pose, joint_position: Array) -> Array:
+    """Return joint positions (27,) whose sole is at a pose in the body frame, or near it.
+
+    Within the joints' limits, by Newton's method from ``joint_position``; only this leg moves. A
+    goal out of reach is approached: whoever needs it exactly compares :func:`foot_in_body`.
+
+    Args:
+        side: ``left`` or ``right``.
+        goal: of the sole in the body frame.
+        joint_position: (27,) where to start [rad].
+    """
+    reached, leg = joint_position.copy(), _LEG[side]
+    low, high, motors = POSITION_LOWER[leg], POSITION_UPPER[leg], MOTOR_TO_JOINT[leg]
+    for _ in range(_ITERATIONS):
+        turns: list[tuple[int, Array, Array]] = []
+        pose = _site_in_body(FOOT_FRAMES[side], reached, turns)
+        jacobian = np.zeros((6, leg.stop - leg.start))
+        for joint, origin, axis in turns:
+            lever = np.cross(axis, pose.position - origin)
+            jacobian[:, joint - leg.start] = *lever, *axis
+        to_motors = jacobian @ motors
+        error = np.concatenate(
+            (goal.position - pose.position, rotation_between(pose.quaternion, goal.quaternion))
+        )
+        square = to_motors @ to_motors.T + _DAMPING * np.eye(6)
+        step = motors @ (to_motors.T @ np.linalg.solve(square, error))
+        reached[leg] = np.clip(reached[leg] + step, low, high)
+    return reached
+
+
+def _site_in_body(
+    site: str, joint_position: Array, turns: list[tuple[int, Array, Array]] | None = None
+) -> Pose:
+    """Return the pose of a site; ``turns`` gets index, origin and axis of each joint before it."""
     position, quaternion = np.zeros(3), np.array(_IDENTITY)
     for link in _chain(site):
         position = position + rotate_vector(quaternion, link.position)
         if link.quaternion is not None:
             quaternion = multiply(quaternion, link.quaternion)
         if link.joint >= 0:
+            if turns is not None:
+                turns.append((link.joint, position, rotate_vector(quaternion, link.axis)))
             half = 0.5 * float(joint_position[link.joint])
             turn = np.array([cos(half), *(sin(half) * link.axis).tolist()])
             quaternion = multiply(quaternion, turn)

@@ -23,12 +23,26 @@ class Inputs(Protocol):
         """Last good message of a latest-value topic from each sender, most recent last."""
         ...
 
+    def history(self, topic: Topic[M], seconds: float) -> list[M]:
+        """Good messages that arrived up to ``seconds`` before the newest, oldest first.
+
+        They are kept from the first call on.
+        """
+        ...
+
+    def latest_pair(self, left: Topic[M], right: Topic[M]) -> tuple[M, M] | None:
+        """Newest messages of two topics with the same ``stamp``; None if there are none."""
+        ...
+
     def updated(self, topic: Topic[Any]) -> bool:
         """Whether a good message arrived since the previous step."""
         ...
 
     def fresh(self, topic: Topic[Any]) -> bool:
-        """Whether the last good message arrived within the topic's ``max_age``."""
+        """Whether the last good message arrived within the topic's largest age.
+
+        That is the table's ``max_age``, or ``[runtime] max_age`` of the configuration.
+        """
         ...
 
     def age(self, topic: Topic[Any]) -> float:

@@ -69,3 +69,17 @@ class AuthorityState(Message):
     ignored: int = Field(
         default=0, ge=0, description="set-points and gait requests of others, not followed so far"
     )
+
+    @property
+    def reason(self) -> str:
+        """Why the robot last changed hands, in words."""
+        previous = self.previous or "nobody"
+        return {
+            AuthorityChange.NONE: "nobody has had it yet",
+            AuthorityChange.GRANTED: "it was free",
+            AuthorityChange.TAKEN: f"taken from {previous}",
+            AuthorityChange.RELEASED: f"{previous} gave it back",
+            AuthorityChange.EXPIRED: f"{previous} fell silent",
+            AuthorityChange.STOPPED: "an emergency stop took it away",
+            AuthorityChange.RESUMED: "it had it before the controller was restarted",
+        }[self.change]

@@ -44,6 +44,9 @@ class LinkHealth(_Part):
     adapted: int = Field(
         default=0, ge=0, description="of another version of the schema, but readable"
     )
+    foreign: int = Field(
+        default=0, ge=0, description="from another sender than the one followed, not applied"
+    )
     refused: int = Field(ge=0, description="not decodable or not valid")
     last_refusal: str = Field(default="", max_length=400)
     link: str = Field(default="", max_length=200, description="what is injected; empty: nothing")
@@ -89,6 +92,9 @@ class ServiceHealth(Message):
     links: list[LinkHealth]
     outputs: list[OutputHealth] = Field(default_factory=list)
     peers: list[PeerHealth] = Field(default_factory=list)
+    conflict: str = Field(
+        default="", max_length=200, description="other processes in its place; empty: none"
+    )
 
 
 class Heartbeat(Message):
@@ -98,3 +104,4 @@ class Heartbeat(Message):
     timeout: float = Field(
         gt=0.0, le=10.0, description="heartbeat timeout: silence after which it counts as lost [s]"
     )
+    uptime: float = Field(default=0.0, ge=0.0, description="since it joined the bus [s]")

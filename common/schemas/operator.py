@@ -5,7 +5,7 @@ from enum import IntEnum
 from pydantic import Field
 
 from common.schemas.arrays import Quaternion, Vector2, Vector3
-from common.schemas.base import Message
+from common.schemas.base import Count, Message
 
 
 class Gait(IntEnum):
@@ -36,6 +36,11 @@ class GaitRequest(Message):
 
     request_id: int = Field(ge=0, description="chosen by the sender, echoed in every reply")
     gait: Gait
+    controller_boot: Count = Field(
+        default=0,
+        description="boot id of the controller that was first asked; another one answers ABORTED, "
+        "for it cannot know what became of the gait; 0: any",
+    )
 
 
 class OperatorStatus(Message):

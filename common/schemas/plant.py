@@ -3,9 +3,9 @@
 from enum import IntEnum
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
-from common.schemas.arrays import JointVector, Quaternion, Vector2, Vector3
+from common.schemas.arrays import Float64Array, JointVector, Quaternion, Vector2, Vector3
 from common.schemas.base import Count, Message
 
 
@@ -17,7 +17,7 @@ class GuardMode(IntEnum):
     ACTIVE = 1
     """Commands are applied."""
     HOLD = 2
-    """The command in force is older than 0.1 s: joints hold where they were.
+    """The command in force is older than 0.1 s: joints hold; a raised foot is put down first.
 
     A refused command alone does not change the mode.
     """
@@ -46,6 +46,11 @@ class PlantState(Message):
     fallen: bool = Field(default=False, description="the robot has fallen since the last reset")
     controller_boot: Count = Field(
         default=0, description="boot id of the controller that the plant obeys; 0: none"
+    )
+    torque_mode: str = Field(
+        default="",
+        max_length=16,
+        description="torque limits of the motors, `relaxed` or `rated`; empty: not told",
     )
 
 
@@ -95,6 +100,9 @@ class PlantStatus(Message):
         default="", max_length=64, description="source of the stop that is latched; empty: none"
     )
     stop_reason: str = Field(default="", max_length=200, description="of the stop that is latched")
+    divergences: int = Field(
+        default=0, ge=0, description="times the physics diverged and the plant reset itself"
+    )
 
 
 class PlantAction(IntEnum):
@@ -106,18 +114,30 @@ class PlantAction(IntEnum):
     PUSH = 3
 
 
+MAX_PUSH = 2000.0
+"""Largest force of a push: it throws the robot over, and the physics still bears it [N]."""
+
+
 class PlantRequest(Message):
     """Request to the (simulated) plant to reset, pause, resume or push the torso."""
 
     action: PlantAction
     force: Vector3 = Field(
         default_factory=lambda: np.zeros(3),
-        description="for PUSH: on the torso, in world [N]",
+        description="for PUSH: on the torso, in world, 2000 at most [N]",
     )
     duration: float = Field(default=0.1, gt=0.0, le=5.0, description="for PUSH [s]")
     seed: int = Field(
         default=-1, ge=-1, description="for RESET: of the new start; -1 takes the next one"
     )
+
+    @field_validator("force")
+    @classmethod
+    def _bounded(cls, force: Float64Array) -> Float64Array:
+        norm = float(np.linalg.norm(force))
+        if norm > MAX_PUSH:
+            raise ValueError(f"expected a push of at most {MAX_PUSH:g} N, got {norm:g} N")
+        return force
 
 
 class Estop(Message):

@@ -42,6 +42,11 @@ class ControllerState(Message):
     setpoint_stamp: Count = Field(
         default=0, description="stamp of the set-point in use [ns]; 0: none"
     )
+    obstacle: str = Field(
+        default="",
+        max_length=200,
+        description="why the robot does not do what is commanded; empty: it does",
+    )
 
 
 class GaitOutcome(IntEnum):

@@ -19,7 +19,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, field_validator
 
 from common.errors import ConfigError
 from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
@@ -27,6 +27,9 @@ from common.tables import overlaid, validated
 
 SHARED_TABLES = ("bus", "links", "runtime")
 """Tables of a configuration file that are for every service."""
+
+PORT_TABLE = "table"
+"""As the only endpoint: those of the port table, whatever was configured elsewhere."""
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=64)]
 """A robot's or a service's name: one chunk of a key expression."""
@@ -52,12 +55,13 @@ class BusConfig(BaseModel):
         default=DEFAULT_BASE_PORT, ge=1024, le=65000, description="first port of the table"
     )
     listen: tuple[str, ...] | None = Field(
-        default=None, description="endpoints to listen on; None: this service's port in the table"
+        default=None,
+        description="endpoints to listen on; None or `table`: this service's port in the table",
     )
     connect: tuple[str, ...] | None = Field(
         default=None,
-        description="endpoints to connect to; None: the ports before this service's own, or a "
-        "client's router",
+        description="endpoints to connect to; None or `table`: the ports before this service's "
+        "own, or a client's router",
     )
     lease_ms: int = Field(
         default=1500, ge=100, le=60_000, description="a silent link is given up after this long"
@@ -86,29 +90,38 @@ class BusConfig(BaseModel):
         description="laid over the generated Zenoh configuration, e.g. TLS or access control",
     )
 
+    @field_validator("listen", "connect", mode="before")
+    @classmethod
+    def _of_table(cls, value: object) -> object:
+        return None if value in (PORT_TABLE, (PORT_TABLE,), [PORT_TABLE]) else value
+
+    def endpoint(self, offset: int) -> str:
+        """Return the endpoint of the port at ``offset`` from the base port."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"tcp/{host}:{self.base_port + offset}"
+
     def listen_endpoints(self, service: str) -> list[str]:
         """Return the endpoints on which ``service`` listens; none for a client by default."""
         if self.listen is not None:
             return list(self.listen)
         if self.mode == "client":
             return []
-        offset = PORT_OFFSETS.get(service)
-        port = 0 if offset is None else self.base_port + offset
-        return [self._endpoint(port)]
+        # Port 0: the system picks one.
+        return [self.endpoint(PORT_OFFSETS.get(service, -self.base_port))]
 
     def connect_endpoints(self, service: str) -> list[str]:
         """Return the endpoints that ``service`` connects to."""
         if self.connect is not None:
             return list(self.connect)
         if self.mode == "client":
-            return [self._endpoint(self.base_port + ROUTER_OFFSET)]
+            return [self.endpoint(ROUTER_OFFSET)]
         known = service in PORT_OFFSETS
         own = PORT_OFFSETS.get(service, 1 + max(PORT_OFFSETS.values()))
         offsets = [offset for offset in PORT_OFFSETS.values() if offset < own]
         if not known and self.mode == "peer":
             # The router dials the table only, and behind it there may be operators and loggers.
             offsets.append(ROUTER_OFFSET)
-        return [self._endpoint(self.base_port + offset) for offset in offsets]
+        return [self.endpoint(offset) for offset in offsets]
 
     def zenoh_config(self, service: str) -> dict[str, Any]:
         """Return the Zenoh configuration of ``service``, JSON-serialisable."""
@@ -157,9 +170,6 @@ class BusConfig(BaseModel):
             },
         }
         return overlaid(base, self.zenoh)
-
-    def _endpoint(self, port: int) -> str:
-        return f"tcp/{self.host}:{port}"
 
 
 def read_config_file(path: Path, also: Iterable[str] = ()) -> dict[str, dict[str, Any]]:

@@ -82,7 +82,13 @@ def discover(
         robot to key to description; malformed answers are left out.
     """
     found: dict[str, dict[str, Description]] = {}
-    replies = session.get(SCHEMA.key(robot, "*"), target=zenoh.QueryTarget.ALL, timeout=timeout)
+    replies = session.get(
+        SCHEMA.key(robot, "*"),
+        target=zenoh.QueryTarget.ALL,
+        # Two services of one name answer under one key; each says what it publishes.
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=timeout,
+    )
     for reply in replies:
         if reply.ok is None:
             continue

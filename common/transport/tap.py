@@ -1,5 +1,6 @@
 """Collect every message on a robot's bus as bytes, without publishing anything."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -8,10 +9,13 @@ from typing import Any, NamedTuple
 
 import zenoh
 
+from common.transport.keys import is_wildcard, received_as
 from common.transport.session import tag_of
 
 TRANSPORT_QUEUE = 4096
 """Samples that wait outside the interpreter, so that none is lost while it is busy."""
+
+_log = logging.getLogger(__name__)
 
 
 class RawSample(NamedTuple):
@@ -33,6 +37,8 @@ class RawTap:
     dropped.
 
     Attributes:
+        refused: messages put on wildcard keys, which are no topic's own, except those that may be
+            sent to many robots at once: these are passed on under the key of this robot.
         error: the exception of ``deliver``, after which nothing more is delivered; None while it
             works. The owner of a tap with a ``deliver`` has to check it.
     """
@@ -64,8 +70,10 @@ class RawTap:
             accept: called once for each key; returns whether its messages are wanted. None: all.
         """
         self.received = 0
+        self.refused = 0
         self.error: Exception | None = None
         self._session: Any = session
+        self._robot = robot
         self._queue: deque[RawSample] = deque()
         self._waiting_bytes = 0
         self._lock = threading.Lock()
@@ -120,25 +128,30 @@ class RawTap:
 
     def _receiver(self, before: tuple[Any, ...]) -> Callable[[Any], None]:
         """Return a callback that passes on samples that no expression of ``before`` matches."""
-        decided: dict[str, bool] = {}
+        decided: dict[str, str | None] = {}
         clock, deliver = self._clock, self._deliver
 
-        def is_wanted(key: str) -> bool:
+        def decide(key: str) -> str | None:
+            """Return the key under which samples of ``key`` are passed on; None: not."""
+            own = received_as(self._robot, key)
+            if own is None:
+                _log.warning("messages on the wildcard key %r are refused", key)
+                return None
             if any(other.intersects(zenoh.KeyExpr(key)) for other in before):
-                return False
-            return self._accept is None or self._accept(key)
+                return None
+            return own if self._accept is None or self._accept(own) else None
 
         def receive(sample: Any) -> None:
             arrival_ns = clock()
             key = str(sample.key_expr)
-            wanted = decided.get(key)
-            if wanted is None:
-                wanted = decided[key] = is_wanted(key)
-            if wanted:
-                self.received += 1
-                deliver(
-                    RawSample(key, sample.payload.to_bytes(), tag_of(sample.encoding), arrival_ns)
-                )
+            if key not in decided:
+                decided[key] = decide(key)
+            own = decided[key]
+            if own is None:
+                self.refused += is_wildcard(key)
+                return
+            self.received += 1
+            deliver(RawSample(own, sample.payload.to_bytes(), tag_of(sample.encoding), arrival_ns))
 
         return receive
 

@@ -7,8 +7,10 @@ from common.schemas import Header
 
 _MAX_RUNS = 64
 _MAX_MISSING = 1024
-MAX_JUMP = 1_000_000
-"""A longer gap, more than an hour of the fastest topic, is believed only from two messages."""
+_MAX_AHEAD = 7
+MAX_JUMP = 1000
+"""A longer gap, five seconds of the fastest topic, is believed only from two messages: one stray
+number would make all later messages late, and thousands count as missing."""
 
 
 class MessageOrder(Enum):
@@ -32,6 +34,18 @@ class _PublisherRun:
         self.floor = first
         """Numbers below it are not remembered."""
         self.missing: set[int] = set()
+        self.ahead: list[int] = []
+        """Numbers that came since the last, too far ahead to be believed alone."""
+
+    def is_plausible(self, seq: int) -> bool:
+        """Whether a number is near the last, or follows another one that was not."""
+        if seq <= self.last + MAX_JUMP:
+            self.ahead.clear()
+            return True
+        if self.ahead and self.ahead[-1] < seq <= self.ahead[-1] + MAX_JUMP:
+            return True
+        self.ahead = [*self.ahead[-_MAX_AHEAD:], seq]
+        return False
 
     def advance(self, seq: int) -> None:
         """Move on to a newer number and remember the numbers missing before it."""
@@ -57,8 +71,8 @@ class SequenceTracker:
     """Follows the sequence numbers of one topic, apart for each run of each publisher.
 
     Messages missing before the first received do not count, nor does a publisher's restart. A late
-    message fills the gap it left. A number that is implausibly far ahead is believed only once the
-    next one follows it. The last thousand missing numbers are remembered, so that a late message
+    message fills the gap it left. A number that is implausibly far ahead is believed only once
+    another one follows it. The last thousand missing numbers are remembered, so that a late message
     is distinguished from a repeated one; older ones count as late.
 
     Attributes:
@@ -72,7 +86,6 @@ class SequenceTracker:
         self.missing = self.late = self.repeated = 0
         self._runs: OrderedDict[tuple[int, str], _PublisherRun] = OrderedDict()
         self._discount = 0
-        self._implausible: dict[tuple[int, str], int] = {}
 
     def discount(self, count: int) -> None:
         """Leave ``count`` messages out of the next gap: they arrived, but were not decoded."""
@@ -88,13 +101,12 @@ class SequenceTracker:
                 self._runs.popitem(last=False)
             self._discount = 0
             return MessageOrder.NEXT
-        last = run.last
-        if header.seq > last + MAX_JUMP and header.seq != self._implausible.get(key, -1) + 1:
-            self._implausible = {key: header.seq}
+        if not run.is_plausible(header.seq):
             return MessageOrder.IMPLAUSIBLE
-        if header.seq > last:
-            gap = header.seq - last - 1
-            self.missing += gap - min(gap, self._discount)
+        if header.seq > run.last:
+            gap = header.seq - run.last - 1 - len(run.ahead)
+            run.ahead.clear()
+            self.missing += max(0, gap - self._discount)
             self._discount = 0
             run.advance(header.seq)
             return MessageOrder.NEXT

@@ -7,7 +7,7 @@ from time import monotonic
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action
 from lab.trials import options
 
@@ -25,9 +25,10 @@ them; the robot time of each, and its age. Names, units and frames are in the fi
 400x300 a trial of door/unlock takes about 6 MB; the estimate for a run is printed at its beginning.
 
 A run may be stopped or killed at any moment; the same command continues it. The bytes of the
-episodes depend neither on that nor on --jobs nor on the machine. They do depend on this project's
-code: a data set that other code began is not continued unless you accept that. A trial that fails
-is counted with its reason; its episode is kept only with --keep-failures.
+episodes depend neither on that nor on --jobs. They depend in the last digits on the kind of
+processor, which each episode names, and on this project's code: a data set that other code began is
+not continued unless you accept that. A trial that fails is counted with its reason; its episode is
+kept only with --keep-failures.
 
 Exit code: 0 done, 1 not (too few successes, or errors in a data set), 2 wrong options, 130
 Ctrl-C."""

@@ -1,12 +1,13 @@
 """The subcommand ``trill dataset``: collected demonstrations in the formats of other projects."""
 
 import argparse
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.trials.options import whole_number
 
@@ -19,17 +20,25 @@ EXAMPLES = """examples:
   trill dataset export --help
 """
 EXPORT = """Export one or several data sets of `trill collect` as one data set of another format,
-which that project's own loader reads. Numbers are the collected ones as float32, not scaled. The
-export contains the names of all columns, and each episode's seed, verdict and operator.
+which that project's own loader reads. Numbers are the collected ones as float32. The export
+contains the names of all columns, the cameras' matrices and poses, and each episode's seed, verdict
+and operator.
 
 lerobot     a directory in format v3.0: observation.state (112 numbers: feet and hands, grippers,
             joints, controller state), action (18: hands, grippers, gait, neck),
             observation.images.left and right as mp4 or inside the tables, ages, success, the
-            task's goal as a sentence, statistics to normalise by.
-robomimic   one HDF5 file: obs/robot0_left_eef_pos, robot0_joint_vel, robot0_left_camera_image,
-            actions, rewards, dones, and masks train and valid (a tenth). Pictures are raw, as
-            robomimic requires: 100 frames of 400x300 take 72 MB, so give a --width.
-            Its policies act within -1 ... 1: train them on --scale-actions.
+            task's goal as a sentence, statistics to normalise by; meta/modality.json for GR00T.
+robomimic   one HDF5 file: obs/robot0_left_eef_pos, robot0_left_eef_quat_wxyz, robot0_joint_vel,
+            robot0_left_camera_image, actions, rewards, dones, and masks train and valid (a tenth);
+            and a configuration beside it, with which robomimic trains. Pictures are raw, as
+            robomimic requires: 100 frames of 400x300 take 72 MB, so give a --width. Actions are
+            scaled to -1 ... 1, within which its policies act. Algorithms that learn a value (iql,
+            td3_bc) need --next-obs.
+
+--state chooses the measurements, for policies that take few numbers: hands,grippers are 16, feet,
+hands,grippers,controller 31. --gait chooses the form of the gait: its number in the one frame that
+asks for it (request), in all frames until it has been walked (held), or a column for each gait
+(one-hot, held-one-hot).
 
 Only successes are exported, up to the judge's verdict: what the operator does afterwards is no
 demonstration of the task. The export is written whole or not at all.
@@ -39,12 +48,15 @@ EXPORT_EXAMPLES = """examples:
   trill dataset export runs/datasets/door-unlock --format lerobot
   trill dataset export runs/datasets/door-unlock runs/datasets/door-push --format lerobot \\
     --out runs/datasets/door-lerobot --width 224 --height 224
-  trill dataset export runs/datasets/door-unlock --format lerobot --pictures embedded
-  trill dataset export runs/datasets/door-unlock --format robomimic --width 120 --scale-actions
-  trill dataset export runs/datasets/door-unlock --format robomimic --pictures none --seeds 0:50
+  trill dataset export runs/datasets/door-walk --format lerobot --pictures embedded --gait held \\
+    --state hands,feet,grippers,controller
+  trill dataset export runs/datasets/door-unlock --format robomimic --width 120
+  trill dataset export runs/datasets/door-unlock --format robomimic --pictures none --seeds 0:50 \\
+    --next-obs
 """
 FORMATS = ("lerobot", "robomimic")
 PICTURES = ("video", "embedded", "none")
+GAITS = ("request", "held", "one-hot", "held-one-hot")
 _LEROBOT_CRF = 18
 _PIXELS = whole_number(16, 1920)
 
@@ -92,10 +104,26 @@ def _export_options(export: argparse.ArgumentParser) -> None:
     pictures.add_argument(
         "--compress", action="store_true", help="robomimic: half the size, slower to train from"
     )
-    export.add_argument_group("robomimic").add_argument(
+    numbers = export.add_argument_group("numbers")
+    numbers.add_argument(
+        "--state",
+        type=lambda text: tuple(text.split(",")),
+        metavar="PART,...",
+        help="measurements: feet, hands, grippers, joints, velocities, controller (all)",
+    )
+    numbers.add_argument(
+        "--gait", choices=GAITS, default=GAITS[0], help=f"form of the gait ({GAITS[0]})"
+    )
+    robomimic = export.add_argument_group("robomimic")
+    robomimic.add_argument(
         "--scale-actions",
+        action=argparse.BooleanOptionalAction,
+        help="map each column to -1 ... 1 by its range, which the file contains (on)",
+    )
+    robomimic.add_argument(
+        "--next-obs",
         action="store_true",
-        help="map each column to -1 ... 1 by its range, which the file contains",
+        help="also the observations after each action; doubles the size",
     )
 
 
@@ -112,8 +140,11 @@ def _export(arguments: argparse.Namespace) -> int:
     packages = ("av", "cv2", "h5py", "pyarrow") if form == "lerobot" else ("cv2", "h5py")
     extra = "lerobot" if form == "lerobot" else "collect"
     require(f"trill dataset export --format {form}", extra, *packages)
+    from lab.demonstrations.export.fields import ExportColumns
     from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
     from lab.progress import ProgressBar
+
+    parts = {} if arguments.state is None else {"parts": arguments.state}
 
     selection = EpisodeSelection(
         roots=tuple(arguments.dirs),
@@ -123,13 +154,17 @@ def _export(arguments: argparse.Namespace) -> int:
         width=arguments.width,
         height=arguments.height,
         pictures=arguments.pictures != "none",
+        columns=ExportColumns(gait=arguments.gait, **parts),
     )
     out = arguments.out or _beside(arguments.dirs, form)
     source = select_episodes(selection)
-    write = import_module(f"lab.demonstrations.export.{form}").write
+    module = import_module(f"lab.demonstrations.export.{form}")
     with ProgressBar("episodes", len(source.episodes)) as bar:
-        write(source, out, force=arguments.force, on_episode=bar.advance, **options)
-    _print_summary(source, out, form)
+        given = {"force": arguments.force, "on_episode": bar.advance} | options
+        notes = module.write(source, out, **given)
+    for note in (*source.notes, *notes):
+        print(f"note: {note}", file=sys.stderr)
+    _print_summary(source, out, module.how_to_use(out))
     return 0
 
 
@@ -142,9 +177,11 @@ def _format_options(arguments: argparse.Namespace) -> dict[str, Any]:
     given = {
         "--crf": arguments.crf is not None,
         "--compress": arguments.compress,
-        "--scale-actions": arguments.scale_actions,
+        "--scale-actions": arguments.scale_actions is not None,
+        "--next-obs": arguments.next_obs,
     }
-    theirs = ("--compress", "--scale-actions") if arguments.format == "lerobot" else ("--crf",)
+    robomimic = ("--compress", "--scale-actions", "--next-obs")
+    theirs = robomimic if arguments.format == "lerobot" else ("--crf",)
     wrong = [name for name in theirs if given[name]]
     if wrong:
         raise ConfigError(f"{wrong[0]} is not for {arguments.format}; leave it out")
@@ -155,7 +192,11 @@ def _format_options(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.format == "robomimic":
         if arguments.pictures == "video":
             raise ConfigError("robomimic reads no video: expected --pictures embedded or none")
-        return {"compress": arguments.compress, "scale_actions": arguments.scale_actions}
+        return {
+            "compress": arguments.compress,
+            "scale_actions": arguments.scale_actions is not False,
+            "next_obs": arguments.next_obs,
+        }
     video = arguments.pictures in {None, "video"}
     if given["--crf"] and not video:
         raise ConfigError("--crf is for video; leave it out, or --pictures")
@@ -170,13 +211,7 @@ def _beside(dirs: list[Path], form: str) -> Path:
     return root.with_name(f"{root.name}-{form}" + (".hdf5" if form == "robomimic" else ""))
 
 
-_LOADERS = {
-    "lerobot": "LeRobotDataset('trill/{name}', root='{out}')",
-    "robomimic": "train.data = '{out}' in robomimic's config; train.hdf5_load_next_obs = false",
-}
-
-
-def _print_summary(source: "ExportInput", out: Path, form: str) -> None:
+def _print_summary(source: "ExportInput", out: Path, use: str) -> None:
     files = [path for path in out.rglob("*") if path.is_file()] if out.is_dir() else [out]
     size = sum(path.stat().st_size for path in files)
     pictures = f"pictures {source.size[0]}x{source.size[1]}" if source.size else "no pictures"
@@ -184,7 +219,7 @@ def _print_summary(source: "ExportInput", out: Path, form: str) -> None:
         f"{len(source.episodes)} episodes of {', '.join(source.tasks)}: {source.frames} frames, "
         f"{pictures}, {size * 1e-6:.1f} MB, by {', '.join(source.operators)} operator"
     )
-    print(f"to load it: {_LOADERS[form].format(name=out.name, out=out)}")
+    print(use)
     print(out)
 
 

@@ -4,9 +4,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deploy.extras import require
-from deploy.system import LOG_FILE, log_path
+from common.packages import require
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
+from services.logger.record.units import parse_patterns
 
 if TYPE_CHECKING:
     from services.logger.export.convert import Summary
@@ -18,11 +19,18 @@ do not decode.
   joints       /joints/measured, /joints/commanded      sensor_msgs/msg/JointState
   images       /camera/left, /camera/right              sensor_msgs/msg/CompressedImage
   poses        /base/..., /hands/<side>/...             foxglove.PoseInFrame
-  robot        /tf (50 Hz), /robot (once)               foxglove.FrameTransforms, SceneUpdate
+  robot        /tf (50 Hz), /robot (once)               foxglove.FrameTransforms, SceneUpdate (the
+                                                        shapes; Foxglove draws them, and for Rerun
+                                                        `trill view` adds them in its own form)
   task         /scene                                   foxglove.FrameTransforms
   delays       /links/<service>/<topic>                 trill.LinkPlot: ages, stages, injected delay
+  cameras      /camera/<eye>/camera_info                sensor_msgs/msg/CameraInfo
   events       /events                                  foxglove.Log
   everything   under its own topic, field by field      trill.<Message>, to plot any number
+
+With --ros2 the file has messages of ROS 2 only, for `ros2 bag play` and whatever reads bags:
+JointState, CompressedImage, CameraInfo, PoseStamped, TFMessage in /tf (scene and cameras too), and
+the events in /rosout.
 
 Times: log_time is the arrival at the logger and publish_time the sending, both converted from the
 recorder's monotonic clock to its wall clock. The stamp inside a message is when its information was
@@ -34,7 +42,8 @@ converted too."""
 EXPORT_EXAMPLES = """examples:
   trill export runs/20260131-120000                     writes log-exported.mcap beside the log
   trill export runs/20260131-120000 -o walk.mcap --force
-  trill export log.mcap --topics 'camera/*' plant/state
+  trill export log.mcap --ros2                          writes log-ros2.mcap
+  trill export --topics 'camera/*,plant/state' log.mcap
 """
 VIEW = """Open a log in Rerun: robot in 3D, both cameras, set-points, joints, controller states,
 errors, ages of the inputs and events on one time line. Needs Rerun: pip install '.[view]'
@@ -52,16 +61,20 @@ _EXPORT_PACKAGES = ("foxglove_schemas_protobuf", "rosbags", "cv2")
 
 def add_export_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill export``."""
-    _log_argument(parser)
+    add_log_argument(parser)
     parser.add_argument(
         "-o", "--out", type=Path, help="file to write (<log>-exported.mcap beside the log)"
     )
     parser.add_argument(
+        "--ros2", action="store_true", help="messages of ROS 2 only (to <log>-ros2.mcap)"
+    )
+    parser.add_argument(
         "--topics",
-        nargs="+",
-        default=[],
-        metavar="TOPIC",
-        help="only these topics of the log, without the robot's name; * and ? are wildcards",
+        type=parse_patterns,
+        default=(),
+        metavar="PATTERNS",
+        help="only these topics, without the robot's name, separated by commas or blanks, e.g. "
+        "'camera/*,plant/state'",
     )
     parser.add_argument("--force", action="store_true", help="replace an existing file")
 
@@ -72,11 +85,17 @@ def export(arguments: argparse.Namespace) -> int:
     from lab.progress import ProgressBar
     from services.logger.export.convert import export_log
 
-    log = log_path(arguments.log)
-    out = arguments.out or log.with_name(f"{log.stem}-exported.mcap")
+    log = chosen_log(arguments.log, tell=False)
+    end = "ros2" if arguments.ros2 else "exported"
+    out = arguments.out or log.with_name(f"{log.stem}-{end}.mcap")
     with ProgressBar("converting") as bar:
         summary = export_log(
-            log, out, topics=arguments.topics, force=arguments.force, on_progress=bar.show
+            log,
+            out,
+            topics=arguments.topics,
+            force=arguments.force,
+            ros2=arguments.ros2,
+            on_progress=bar.show,
         )
     print("\n".join(summary_lines(summary)))
     return 0
@@ -84,7 +103,7 @@ def export(arguments: argparse.Namespace) -> int:
 
 def add_view_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill view``."""
-    _log_argument(parser)
+    add_log_argument(parser)
     parser.add_argument("--web", action="store_true", help="serve it to a browser on this machine")
     parser.add_argument("--port", type=int, default=0, help="port for --web (any free one)")
     parser.add_argument(
@@ -100,7 +119,7 @@ def view(arguments: argparse.Namespace) -> int:
 
     with ProgressBar("converting") as bar:
         path, summary = rerun.prepare(
-            log_path(arguments.log), fresh=arguments.fresh, on_progress=bar.show
+            chosen_log(arguments.log), fresh=arguments.fresh, on_progress=bar.show
         )
     if summary is not None:
         print("\n".join(_remarks(summary)))
@@ -129,10 +148,6 @@ def _remarks(summary: "Summary") -> list[str]:
         for name, (count, reason) in sorted(summary.left_out.items())
     ]
     return left + [f"note           {remark}" for remark in summary.remarks]
-
-
-def _log_argument(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, metavar="LOG", help=f"{LOG_FILE}, or a run's directory")
 
 
 def _print_address(url: str) -> None:

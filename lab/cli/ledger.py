@@ -6,8 +6,8 @@ from math import inf
 from pathlib import Path
 
 from common.errors import ConfigError
-from deploy.system import log_path
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
 
 TEXT = """Show the latency breakdown of every message that a service read, from a log: the exact
 median and 99th percentile of each stage over all messages. Stages: capture (from capturing the
@@ -27,7 +27,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill ledger``."""
-    parser.add_argument("log", type=Path, help="log.mcap, or the directory of its run")
+    add_log_argument(parser)
     parser.add_argument(
         "--from",
         dest="begin",
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not 0.0 <= begin < end:
         raise ConfigError(f"expected 0 <= --from < --until, got {begin:g} and {end:g}")
     _refuse_unwritable(arguments.csv, arguments.plot)
-    path = log_path(arguments.log)
+    path = chosen_log(arguments.log)
     with Console(stderr=True).status(f"reading {path}"):
         table = ledger_table(LogReader(path), begin, end)
     # A pipe has no width; cut nothing off there.

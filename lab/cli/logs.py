@@ -7,20 +7,25 @@ import sys
 from pathlib import Path
 
 from common.errors import TrillError
-from deploy.system import RUNS, log_path, new_run_dir
+from deploy.system import RUNS, new_run_dir
 from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
 
 RECORD = """Record every message on the bus of a running system until Ctrl-C. Beside the robot no
 option is needed. From another machine --connect is enough: the recorder asks for the robot's name
 and topics, records topics that this version does not know with the schema their sender describes,
 and publishes nothing. At the end it prints for each topic how many messages were sent = recorded +
-lost on the way + dropped here."""
+lost on the way + dropped here.
+
+A recording goes on in log-2.mcap … if its directory has one already. With --rotate-size or
+--rotate-every it is written in segments; --keep-size and --keep-segments then delete the oldest."""
 RECORD_EXAMPLES = """examples:
   trill record
   trill record --connect tcp/robot:7447             from another machine
   trill record --connect tcp/robot:7447 --robot draco3 --no-cameras
   trill record --rotate-size 2GB --rotate-every 10min
+  trill record --rotate-size 2GB --keep-size 50GB   a ring of segments
   trill record --topics 'plant/*,wbc/**' --out logs/friday
 """
 INFO = """Show what a log holds: when and where it was recorded, which services ran, each topic's
@@ -35,7 +40,8 @@ REPAIR = """Repair a log whose recorder was killed, whose disk was full, or that
 chunks that can be read, and what is left of the last one, are written to a new file with index,
 schemas and delivery statistics. It replaces the log once it is complete and has been read back; the
 broken file stays beside it as .broken. A whole file is not changed. All segments of a recording are
-repaired."""
+repaired. With --discard-original the broken file is not kept, unless fewer messages come out of it
+than it should hold."""
 REPAIR_EXAMPLES = f"""examples:
   trill repair {RUNS}/20260131-120000
   trill repair log.mcap --out saved.mcap            leave log.mcap as it is
@@ -76,6 +82,9 @@ def _record(arguments: argparse.Namespace) -> int:
         "--compression": arguments.compression,
         "--rotate-size": arguments.rotate_size,
         "--rotate-every": arguments.rotate_every,
+        "--keep-size": arguments.keep_size,
+        "--keep-segments": arguments.keep_segments,
+        "--min-free": arguments.min_free,
         "--topics": arguments.topics,
         "--exclude": arguments.exclude,
     }
@@ -87,7 +96,7 @@ def _record(arguments: argparse.Namespace) -> int:
 
 
 def _info_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, help=f"a run's directory, in {RUNS}/ as a rule, or a log")
+    add_log_argument(parser)
     parser.add_argument("--json", action="store_true", help="print JSON")
 
 
@@ -95,7 +104,7 @@ def _info(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import as_json, info_lines
     from services.logger.read.info import read_info
 
-    info = read_info(log_path(arguments.log))
+    info = read_info(chosen_log(arguments.log, tell=False))
     if arguments.json:
         print(json.dumps(as_json(info), indent=2))
     else:
@@ -104,7 +113,7 @@ def _info(arguments: argparse.Namespace) -> int:
 
 
 def _repair_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("log", type=Path, help="a run's directory or a log, with all its segments")
+    add_log_argument(parser)
     parser.add_argument("--out", type=Path, help="write here and leave the log unchanged")
     parser.add_argument(
         "--discard-original", action="store_true", help="do not keep the broken file as .broken"
@@ -114,12 +123,15 @@ def _repair_arguments(parser: argparse.ArgumentParser) -> None:
 def _repair(arguments: argparse.Namespace) -> int:
     from lab.logs.log_text import repair_lines
     from lab.progress import ProgressBar
-    from services.logger.read.segments import existing_segments, segment
+    from services.logger.read.segments import existing_segments
     from services.logger.repair.repair import repair
 
     code = 0
-    for number, path in enumerate(existing_segments(log_path(arguments.log)), start=1):
-        out = None if arguments.out is None else segment(arguments.out, number)
+    first = chosen_log(arguments.log)
+    for path in existing_segments(first):
+        # The copies keep the numbers of the segments, so that a missing one stays missing.
+        end = path.stem.removeprefix(first.stem)
+        out = arguments.out and arguments.out.with_stem(f"{arguments.out.stem}{end}")
         try:
             with ProgressBar(path.name) as bar:
                 done = repair(

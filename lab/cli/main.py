@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Sequence
 
-from common.errors import TrillError, report
+from common.program import run_program
 from lab.cli.commands import Command, add_commands, run_chosen
 
 EPILOG = """Each command explains itself: trill demo --help. A run leaves its files in
@@ -15,6 +15,9 @@ COMMANDS = (
     Command("drive", "control the robot with your keys", "lab.cli.system:DRIVE_ACTION"),
     Command("up", "start the robot without an operator", "lab.cli.system:UP_ACTION"),
     Command("top", "show the live table of a running system", "lab.cli.top:ACTION"),
+    Command("stop", "stop the robot: motors limp at once", "lab.cli.plant:STOP_ACTION"),
+    Command("resume", "end an emergency stop", "lab.cli.plant:RESUME_ACTION"),
+    Command("reset", "stand the simulated robot up again", "lab.cli.plant:RESET_ACTION"),
     Command("record", "record a running system", "lab.cli.logs:RECORD_ACTION"),
     Command("info", "show what a log contains", "lab.cli.logs:INFO_ACTION"),
     Command("repair", "repair a broken log", "lab.cli.logs:REPAIR_ACTION"),
@@ -36,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command.
 
     Returns:
-        exit code: 0, 1 for an error of this project, 2 for wrong options, 130 after Ctrl-C.
+        exit code; see :func:`common.program.run_program`.
     """
     parser = argparse.ArgumentParser(
         prog="trill",
@@ -44,9 +47,4 @@ def main(argv: Sequence[str] | None = None) -> int:
         epilog=EPILOG,
     )
     add_commands(parser, COMMANDS, "command", "command")
-    try:
-        return run_chosen(parser.parse_args(argv), "command")
-    except TrillError as error:
-        return report("trill", error)
-    except KeyboardInterrupt:
-        return 130
+    return run_program("trill", lambda: run_chosen(parser.parse_args(argv), "command"))

@@ -5,10 +5,10 @@ import sys
 from pathlib import Path
 
 from common.errors import ConfigError, TrillError
-from common.transport.config import split_list
-from deploy.system import log_path
 from lab.cli.bus import add_config_option, add_connect_option, chosen_bus
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
+from services.logger.record.units import parse_patterns
 
 TEXT = """Replay a log, in one of two ways.
 
@@ -18,7 +18,8 @@ data whether a change of the code changes what the robot does, and where first.
 
 Without: publish the recorded bytes on the bus at the recorded rate, for viewers. They are
 published under another robot's name (draco3-replay), because a recorded command must never reach a
-live robot.
+live robot. Where nobody recorded for longer than 10 s, between two segments, 1 s is waited; the
+pauses are printed.
 
 Exit codes: 0 identical, or published to the end; 1 different, or not replayed to the end; 2 cannot
 be replayed: wrong options, or the log lacks something; 130 after Ctrl-C while checking."""
@@ -36,7 +37,7 @@ EXAMPLES = """examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill replay``."""
-    parser.add_argument("log", type=Path, help="log.mcap, or the directory of its run")
+    add_log_argument(parser)
     parser.add_argument(
         "--from",
         dest="start",
@@ -98,10 +99,10 @@ def _add_publish_arguments(play: argparse._ArgumentGroup) -> None:
     play.add_argument("--loop", action="store_true", help="repeat until Ctrl-C")
     play.add_argument(
         "--topics",
-        type=split_list,
+        type=parse_patterns,
         default=(),
-        metavar="NAMES",
-        help="only these, separated by commas, e.g. camera/* (all)",
+        metavar="PATTERNS",
+        help="only these, separated by commas or blanks, e.g. 'camera/*,plant/state' (all)",
     )
     play.add_argument(
         "--as",
@@ -134,7 +135,7 @@ def run(arguments: argparse.Namespace) -> int:
             (arguments.start, arguments.end),
             arguments.topics,
         )
-        return play(log_path(arguments.log), published)
+        return play(chosen_log(arguments.log), published)
     _refuse_given(arguments, ("loop", "topics", "robot", "connect"), "is for publishing only")
     from lab.logs.replay_check import SERVICES, UNREPLAYABLE, CheckOptions, parse_settings
     from lab.logs.replay_report import check, show_runs
@@ -145,8 +146,9 @@ def run(arguments: argparse.Namespace) -> int:
             f"--service: expected one of {', '.join(SERVICES)}, got {', '.join(sorted(unknown))}"
         )
     try:
+        log = chosen_log(arguments.log)
         if arguments.list:
-            return show_runs(log_path(arguments.log))
+            return show_runs(log)
         options = CheckOptions(
             tuple(dict.fromkeys(arguments.service)),
             arguments.run,
@@ -156,7 +158,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.out,
             arguments.verbose,
         )
-        return check(log_path(arguments.log), options)
+        return check(log, options)
     except TrillError as error:
         print(f"trill replay: {error}", file=sys.stderr)
         return 2

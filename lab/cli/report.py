@@ -1,25 +1,23 @@
 """``trill report``: the summary of a recorded run, written anew from its log."""
 
 import argparse
-from pathlib import Path
 
-from deploy.system import LOG_FILE, RUNS
 from lab.cli.commands import Action
+from lab.cli.log_argument import add_log_argument, chosen_log
 
-TEXT = """Sum up a recorded run again from its log.mcap: write summary.json and contact_sheet.png
-(and, with --video, video.mp4) into its directory and print the report. Works on logs cut off by a
-crash."""
+TEXT = """Sum up a recorded run again from its log: write summary.json and contact_sheet.png (and,
+with --video, video.mp4) into its directory and print the report. Beside a log of another name, such
+as saved.mcap, they are called saved-summary.json and so on. Works on logs cut off by a crash."""
 EXAMPLES = """examples:
   trill report runs/20260131-120000
   trill report runs/20260131-120000 --video
+  trill report saved.mcap
 """
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill report``."""
-    parser.add_argument(
-        "run", type=Path, help=f"the run's directory, in {RUNS}/ as a rule, or its log"
-    )
+    add_log_argument(parser)
     parser.add_argument("--video", action="store_true", help="render video.mp4 too")
 
 
@@ -29,13 +27,11 @@ def run(arguments: argparse.Namespace) -> int:
     Raises:
         LoggerError: the log cannot be read.
     """
-    from deploy.launch import RunResult
     from lab.review.report import finish, known_verdict
 
-    run: Path = arguments.run
-    run_dir = run.parent if run.name == LOG_FILE else run
-    verdict, settings = known_verdict(run_dir)
-    finish(RunResult(run_dir, verdict), settings, pictures=True, video=arguments.video)
+    log = chosen_log(arguments.log, tell=False)
+    verdict, settings = known_verdict(log)
+    finish(log, verdict, settings, pictures=True, video=arguments.video)
     return 0
 
 

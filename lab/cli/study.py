@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action, Command, add_commands, run_chosen
 from lab.cli.study_human import COMMANDS, ROOT
 from lab.trials import options

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
-from deploy.system import LOG_FILE
 from lab.cli.commands import Action, Command
+from lab.cli.log_argument import add_log_argument, chosen_log
 from lab.trials import options
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ a file of answers; `weights` (how often each scale was chosen, 15 in all) may be
 
 
 def _add_options(add: argparse.ArgumentParser) -> None:
-    add.add_argument("log", type=Path, help="the run's directory or its log")
+    add_log_argument(add)
     add.add_argument(
         "--anyway", action="store_true", help="also if measured latencies do not fit the condition"
     )
@@ -94,7 +94,7 @@ def _add(arguments: argparse.Namespace) -> int:
     store = StudyStore(arguments.out)
     plan = store.plan()
     condition = plan.condition(arguments.condition)
-    path = arguments.log / LOG_FILE if arguments.log.is_dir() else arguments.log
+    path = chosen_log(arguments.log)
     with ProgressBar("reading the log") as bar:
         trials = read_trials(LogReader(path), arguments.participant, condition, bar.advance)
     known = {trial.key for trial in store.human_trials()}

@@ -5,8 +5,8 @@ import sys
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
-from deploy.extras import require
-from deploy.system import SystemOptions
+from common.packages import require
+from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
 
@@ -197,7 +197,8 @@ def _finish(
         "torque_mode": arguments.torque_mode or "as configured",
         "config": str(arguments.config or ""),
     }
-    summary = finish(ended, settings, pictures=pictures, video=video)
+    log = ended.run_dir / LOG_FILE
+    summary = finish(log, ended.verdict, settings, pictures=pictures, video=video)
     if summary.outcome == "completed":
         return 0
     print(f"trill: failed: {summary.outcome}", file=sys.stderr)

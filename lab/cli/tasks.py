@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 from lab.cli.commands import Action
 
 TEXT = """List the scored tasks: the goal, the time limit and the rule of success. With the name of

@@ -6,11 +6,12 @@ from lab.cli.bus import add_bus_options, chosen_bus
 from lab.cli.commands import Action
 
 TEXT = """Show the live table of a running system, from any terminal and any number of times: the
-controller's state and the plant's guard; which services run, and the timing of their loops;
-injected delays, requested and achieved; services that are gone or whose clock differs; the rate,
-age and losses of each topic; and the latency breakdown of each input (median/p99 of the last two
-seconds in ms; `trill ledger --help` explains the stages). The table fits the terminal and publishes
-nothing. Written to a pipe or a file it is one line every few seconds."""
+controller's state, the plant's guard, who has the robot and who has stopped it; which services run,
+and the timing of their loops; injected delays, requested and achieved; services that are gone or
+whose clock differs; the rate, age and losses of each topic; and the latency breakdown of each input
+(median/p99 of the last two seconds in ms; `trill ledger --help` explains the stages). The table
+fits the terminal and publishes nothing. Written to a pipe or a file it is one line every few
+seconds."""
 EXAMPLES = """examples:
   trill top                           the system on the standard ports
   trill top --base-port 7464          the one that printed this base port when it started

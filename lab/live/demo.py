@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from common.schemas import GuardMode
 from deploy.launch import RunResult, Verdict, running_system
 from deploy.process import Exit, ProcessSpec
 from deploy.system import OPERATOR, SystemOptions, operator_process
@@ -10,6 +11,7 @@ from lab.live.loop import show_until_verdict
 from lab.live.task_judge import TaskJudge
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.monitor import monitored
+from lab.monitor.status_text import format_stop
 from services.teleop.scripted.library import ScriptOptions, script_named
 
 DEMONSTRATION = "demo"
@@ -61,7 +63,7 @@ class ScriptJudge:
         if self._fell_at is not None:
             # A script that fails now does so because the robot fell.
             over = elapsed >= self._fell_at + FALL_AFTERMATH
-            return Verdict("fell", self._step(view)) if over else None
+            return Verdict("fell", self._stop(view) + self._step(view)) if over else None
         for ended in exits:
             if ended.restarted or not ended.essential:
                 continue
@@ -84,6 +86,13 @@ class ScriptJudge:
             return Verdict("completed")
         failed = view.operator.failed if view.operator is not None else ""
         return Verdict("script failed", failed or ended.describe())
+
+    @staticmethod
+    def _stop(view: Snapshot) -> str:
+        """Say that the robot fell because it was stopped; empty if it was not."""
+        if view.plant is None or view.plant.guard is not GuardMode.ESTOP:
+            return ""
+        return f"{format_stop(view.plant)}, "
 
     @staticmethod
     def _step(view: Snapshot) -> str:

@@ -22,7 +22,7 @@ from services.logger.read.reader import LogReader, RecordedMessage
 _SCHEMAS: dict[str, Any] = {
     JOURNAL.name: StepJournal, HEALTH.name: ServiceHealth, LINK_CHANGE.name: LinkChange,
 }  # fmt: skip
-_UNUSED = (InputOutcome.STALE, InputOutcome.LATE, InputOutcome.REFUSED, InputOutcome.LOST)
+_UNUSED = tuple(outcome for outcome in InputOutcome if outcome is not InputOutcome.APPLIED)
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,11 @@ def ledger_table(log: LogReader, begin: float = 0.0, end: float = inf) -> Ledger
         LabError: no journal in it lists inputs of services.
     """
     ledger = Ledger()
-    unreadable = first_ns = last_ns = 0
+    unreadable = last_ns = 0
+    first_ns: int | None = None
     for raw in log.raw_messages():
-        first_ns = first_ns or raw.log_time
-        last_ns = max(last_ns, raw.log_time)
+        first_ns = raw.time_ns if first_ns is None else first_ns
+        last_ns = max(last_ns, raw.time_ns)
         if raw.topic is None or raw.topic.name not in _SCHEMAS:
             continue
         try:
@@ -71,7 +72,7 @@ def ledger_table(log: LogReader, begin: float = 0.0, end: float = inf) -> Ledger
             f"{log.path} has no ledger: expected journals of services (topic {JOURNAL.name}) that "
             "list their inputs, got none in this span"
         )
-    seconds = min(1e-9 * (last_ns - first_ns), end) - begin
+    seconds = min(1e-9 * (last_ns - (first_ns or 0)), end) - begin
     return LedgerTable(rows, tuple(ledger.links()), seconds, unreadable + ledger.unreadable)
 
 
@@ -80,7 +81,7 @@ def _span(raw: RecordedMessage, first_ns: int, begin: float, end: float) -> tupl
 
     The transport time of that message, about a millisecond, is neglected.
     """
-    ahead = raw.publish_time - raw.log_time
+    ahead = raw.publish_time - raw.time_ns
     far = 2**62
     return (
         first_ns + round(1e9 * begin) + ahead if begin > 0.0 else -far,

@@ -1,13 +1,12 @@
 """Formats the summary of a log, and the result of a repair, for a person or as JSON."""
 
 import time
-from collections.abc import Iterable
 from dataclasses import asdict
 from typing import Any
 
 from services.logger.read.delivery import total
 from services.logger.read.episodes import Episode
-from services.logger.read.info import LogInfo, SegmentInfo, TopicInfo
+from services.logger.read.log_info import LogInfo, SegmentInfo, TopicInfo
 from services.logger.record.units import format_duration, format_size
 from services.logger.repair.repair import RepairResult
 
@@ -32,6 +31,8 @@ def as_json(info: LogInfo) -> dict[str, Any]:
         ],
         "services": info.boots,
         "episodes": [asdict(one) for one in info.episodes],
+        "pauses": [asdict(one) for one in info.pauses],
+        "remarks": info.remarks,
         "links": [
             {"at_ns": one.at_ns, **one.change.model_dump(exclude={"header"})} for one in info.links
         ],
@@ -55,13 +56,19 @@ def repair_lines(done: RepairResult) -> list[str]:
         )
     count = total(done.report)
     lines.append(f"  delivery: {count.sent} sent, {count.missing} of them missing")
+    if done.stated:
+        lines.append(
+            f"  NOT ALL COULD BE SAVED: the broken file should hold {done.stated} messages; "
+            + ("it is kept for that reason" if done.kept else "keep it")
+        )
     if done.kept is not None:
         lines.append(f"  the broken file is kept as {done.kept}")
     return lines
 
 
 def _head(info: LogInfo) -> list[str]:
-    first, last = info.segments[0], info.segments[-1]
+    first = info.segments[0]
+    last = next((one for one in reversed(info.segments) if one.messages), first)
     origin = info.origin
     size = sum(one.size for one in info.segments)
     messages = sum(one.messages for one in info.segments)
@@ -70,13 +77,14 @@ def _head(info: LogInfo) -> list[str]:
         f"{origin.get('host', 'an unknown host')}",
         f"start      {_wall(first, first.start_ns)}",
         f"end        {_wall(last, last.end_ns)}",
-        f"duration   {format_duration(_seconds(info))}  ({messages} messages, {format_size(size)})",
+        f"duration   {format_duration(info.seconds)}  ({messages} messages, {format_size(size)})",
         "file       " + "\n           ".join(_segment_line(one) for one in info.segments),
     ]
     chosen = [f"{n} {origin[n]}" for n in ("topics", "exclude") if origin.get(n)]
     if chosen:
         lines.append(f"selection  {'; '.join(chosen)}")
-    return lines
+    lines += [f"pause      {pause}" for pause in info.pauses]
+    return lines + [f"NOTE       {remark}" for remark in info.remarks]
 
 
 def _segment_line(segment: SegmentInfo) -> str:
@@ -163,15 +171,8 @@ def _links(info: LogInfo) -> list[str]:
     return lines
 
 
-def _seconds(info: LogInfo) -> float:
-    spans: Iterable[int] = (one.end_ns - one.start_ns for one in info.segments)
-    # Segments of a machine that was restarted in between have different monotonic clocks.
-    begin, end = info.segments[0].start_ns, info.segments[-1].end_ns
-    return 1e-9 * (end - begin if end >= begin else sum(spans))
-
-
-def _wall(segment: SegmentInfo, at_ns: int) -> str:
-    wall = segment.wall_ns(at_ns)
-    if not wall or not at_ns:
+def _wall(segment: SegmentInfo, time_ns: int) -> str:
+    wall = segment.wall_ns(time_ns)
+    if not wall or not time_ns:
         return "not known"
     return time.strftime("%Y-%m-%d %H:%M:%S %z", time.localtime(1e-9 * wall))

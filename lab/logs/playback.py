@@ -14,16 +14,17 @@ from typing import Any
 import zenoh
 
 from common.errors import ConfigError
+from common.program import signals_as_keyboard_interrupt
 from common.topics import ALL_TOPICS, Priority
 from common.transport.config import BusConfig
 from common.transport.publisher import PRIORITIES
 from common.transport.session import open_session, wire_encoding
 from common.transport.tap import RawTap
-from deploy.process import signals_as_keyboard_interrupt
 from lab.errors import LabError
 from lab.progress import ProgressBar
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader, RecordedMessage
+from services.logger.read.time_line import Pause
 
 SERVICE = "replay"
 """Name in the port table."""
@@ -63,11 +64,12 @@ class PlayOptions:
 
 @dataclass(frozen=True)
 class Extent:
-    """Robot of a log, and arrival of its first and last message, monotonic clock [ns]."""
+    """Robot of a log, arrival of its first and last message, recording's clock [ns], its pauses."""
 
     robot: str
     start_ns: int
     end_ns: int
+    pauses: tuple[Pause, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -87,7 +89,7 @@ def extent_of(path: Path) -> Extent:
     if not segments:
         raise LabError(f"{path} holds no message; there is nothing to publish")
     robot = info.origin.get("robot", BusConfig().robot)
-    return Extent(robot, segments[0].start_ns, segments[-1].end_ns)
+    return Extent(robot, segments[0].start_ns, segments[-1].end_ns, tuple(info.pauses))
 
 
 class Player:
@@ -110,7 +112,7 @@ class Player:
         began = looked = time.monotonic()
         first, last = self._options.window
         for raw in LogReader(self._path).raw_messages():
-            place = 1e-9 * (raw.log_time - self._extent.start_ns)
+            place = 1e-9 * (raw.time_ns - self._extent.start_ns)
             if place > last:
                 break
             if time.monotonic() - looked > _LONGEST_SLEEP:
@@ -240,6 +242,8 @@ def _play(player: Player, monitor: NameMonitor, extent: Extent, options: PlayOpt
         + ("" if bus.mode == "client" else f" --base-port {bus.base_port}"),
         flush=True,
     )
+    for pause in extent.pauses:
+        print(f"at {1e-9 * (pause.at_ns - extent.start_ns):.1f} s: {pause}", flush=True)
     first, last = options.window
     last = min(last, extent.seconds)
     with ProgressBar(f"publishing {bus.robot}", max(last - first, 1e-9)) as bar:

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 from common.errors import SchemaError
 from common.schemas import (
+    AuthorityState,
     ControllerState,
     LinkHealth,
     Message,
@@ -28,6 +29,7 @@ from common.topics import (
     PLANT_STATUS,
     TASK_STATUS,
     TELEOP_STATUS,
+    WBC_AUTHORITY,
     WBC_STATE,
     Delivery,
     Topic,
@@ -147,6 +149,7 @@ class Snapshot:
     plant: PlantStatus | None = None
     operator: OperatorStatus | None = None
     task: TaskStatus | None = None
+    authority: AuthorityState | None = None
 
     @property
     def inputs(self) -> tuple[InputRow, ...]:
@@ -251,6 +254,7 @@ class BusStats:
             plant=self.latest(PLANT_STATUS),
             operator=self.latest(TELEOP_STATUS),
             task=self.latest(TASK_STATUS),
+            authority=self.latest(WBC_AUTHORITY),
         )
 
     def _service(self, health: ServiceHealth, age: float, now_ns: int) -> ServiceRow:
@@ -285,5 +289,5 @@ def _topic_row(
         repeated=sum(stats.sequence.repeated for stats in keys),
         stale=topic.delivery is Delivery.LATEST and age > topic.max_age,
         too_old=sum(link.stale for link in links),
-        refused=sum(link.refused for link in links),
+        refused=sum(link.refused + link.foreign for link in links),
     )

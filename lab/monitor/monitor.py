@@ -13,12 +13,12 @@ from typing import Any
 from rich.console import Console
 from rich.live import Live
 
+from common.program import signals_as_keyboard_interrupt
 from common.topics import ALL_TOPICS, JOURNAL
 from common.transport.config import BusConfig
 from common.transport.keys import subscription_of
 from common.transport.session import open_session
 from common.transport.tap import RawTap
-from deploy.process import signals_as_keyboard_interrupt
 from lab.monitor.bus_stats import BusStats, Snapshot
 from lab.monitor.status_text import format_line
 from lab.monitor.table import Content, render_table

@@ -2,12 +2,22 @@
 
 from rich.text import Text
 
-from common.schemas import ControllerState, PlantStatus, TaskStatus, TaskVerdict
+from common.schemas import (
+    AuthorityState,
+    ControllerState,
+    GuardMode,
+    PlantStatus,
+    TaskStatus,
+    TaskVerdict,
+)
 from common.topics import TELEOP_SETPOINT
 from lab.monitor.bus_stats import Snapshot
 from lab.monitor.ledger_text import short_ms
 
 SILENCE = "nothing heard yet (services take some seconds to start; is this the right base port?)"
+
+MAX_WARNINGS = 3
+"""Lines that warnings take at most."""
 
 _STYLES = {
     TaskVerdict.RUNNING: "",
@@ -30,6 +40,8 @@ def format_line(view: Snapshot) -> str:
         parts.append(format_controller(view.control))
     if view.plant is not None:
         parts.append(format_plant(view.plant))
+    if view.authority is not None:
+        parts.append(format_authority(view.authority, view.plant))
     dead = [row.health.service for row in view.services if not row.alive]
     if dead:
         parts.append(f"silent: {', '.join(dead)}")
@@ -42,6 +54,7 @@ def format_line(view: Snapshot) -> str:
             parts.append(
                 f"set-point to {row.consumer} {short_ms(total.median)}/{short_ms(total.p99)} ms"
             )
+    parts += warnings(view)
     rows = view.topics
     misses = sum(row.health.deadline_misses for row in view.services)
     parts.append(
@@ -52,26 +65,72 @@ def format_line(view: Snapshot) -> str:
     return " | ".join(parts)
 
 
+def warnings(view: Snapshot) -> list[str]:
+    """Return what a person should mend: doubled services, and whom their readers ignore."""
+    alive = [row.health for row in view.services if row.alive]
+    lines = [
+        f"{health.service}: {health.conflict} is on the bus too; stop one"
+        for health in alive
+        if health.conflict
+    ]
+    lines += [
+        f"{health.service} ignored {link.foreign} of {link.topic}: {link.last_refusal}"
+        for health in alive
+        for link in health.links
+        if link.foreign
+    ]
+    return lines[:MAX_WARNINGS]
+
+
 def format_controller(control: ControllerState) -> str:
     """Format state, gait and errors of the controller."""
     gait = ""
     if control.gait:
         gait = f", {control.gait.name.lower()} {100 * control.gait_progress:.0f} %"
+    trouble = f", {control.obstacle}" if control.obstacle else ""
     return (
         f"{control.state.name}{gait}, {control.gaits_completed} gaits done, "
         f"hand error {1e3 * max(control.hand_position_error):.0f} mm, "
-        f"DCM error {1e3 * control.dcm_error:.0f} mm"
+        f"DCM error {1e3 * control.dcm_error:.0f} mm{trouble}"
     )
 
 
 def format_plant(plant: PlantStatus) -> str:
-    """Format guard, pace and state age of the plant."""
-    state = "FALLEN, " if plant.fallen else "paused, " if plant.paused else ""
+    """Format stop, guard, pace and state age of the plant, and whom it does not obey."""
+    state = f"{format_stop(plant)}, " if plant.guard is GuardMode.ESTOP else ""
+    state += "FALLEN, " if plant.fallen else ""
+    state += "paused, " if plant.paused else ""
+    foreign = ""
+    if plant.commands_foreign:
+        foreign = f", {plant.commands_foreign} commands of another controller refused"
+        foreign += f", last {plant.last_refusal}" if plant.last_refusal else ""
     return (
         f"{state}guard {plant.guard.name}, real-time factor {plant.real_time_factor:.2f}, "
         f"state age at torque {1e3 * plant.age_at_torque_median:.1f} ms "
-        f"(p99 {1e3 * plant.age_at_torque_p99:.1f})"
+        f"(p99 {1e3 * plant.age_at_torque_p99:.1f}){foreign}"
     )
+
+
+def format_stop(plant: PlantStatus) -> str:
+    """Format who has stopped the robot, and why."""
+    reason = f": {plant.stop_reason}" if plant.stop_reason else ""
+    return f"STOPPED by {plant.stopped_by or 'somebody'}{reason} (trill resume)"
+
+
+def format_authority(authority: AuthorityState, plant: PlantStatus | None) -> str:
+    """Format which operator has the robot, since when and why, and who waits for it."""
+    text = f"{authority.holder or 'nobody'} has the robot"
+    if authority.holder:
+        text += f" ({authority.kind.name.lower()})"
+    if authority.changes:
+        since = 0 if plant is None else plant.header.stamp - authority.since
+        ago = f"{1e-9 * since:.0f} s ago" if since > 0 else ""
+        text += f", {ago}: {authority.reason}" if ago else f": {authority.reason}"
+    if authority.waiting:
+        text += f"; waiting: {', '.join(authority.waiting)}"
+    if authority.ignored:
+        text += f"; {authority.ignored} messages of others ignored"
+    return text
 
 
 def format_task(task: TaskStatus) -> str:

@@ -13,7 +13,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from common.schemas import ControllerState, OperatorStatus, PlantStatus
+from common.schemas import GuardMode, OperatorStatus
 from common.topics import (
     CAMERA_LEFT,
     CAMERA_RIGHT,
@@ -29,7 +29,14 @@ from common.topics import (
 )
 from lab.monitor.bus_stats import InputRow, PeerRow, ServiceRow, Snapshot, TopicRow
 from lab.monitor.ledger_text import add_stages, plain_table, stage_cells, styled
-from lab.monitor.status_text import SILENCE, format_controller, format_plant, task_line
+from lab.monitor.status_text import (
+    SILENCE,
+    format_authority,
+    format_controller,
+    format_plant,
+    task_line,
+    warnings,
+)
 
 BAD, GOOD, DIM, ODD = "bold red", "green", "dim", "yellow"
 
@@ -40,8 +47,8 @@ _FIRST_INPUTS = [
         TELEOP_SETPOINT, CAMERA_LEFT, CAMERA_RIGHT, WBC_COMMAND, PLANT_STATE, TELEOP_GAIT,
     )
 ]  # fmt: skip
-_HEADER_LINES = 5
-"""Title, controller, plant, operator and the operator's progress."""
+_HEADER_LINES = 6
+"""Title, controller, plant, who has the robot, operator and the operator's progress."""
 
 
 class Content(Enum):
@@ -60,9 +67,10 @@ def render_table(
         return Group(Text(title, style="bold"), Text(SILENCE))
     parts: list[RenderableType] = [
         Text(title, style="bold"),
-        _robot(view.control, view.plant),
+        _robot(view),
         *([] if view.task is None else [task_line(view.task)]),
         _operator(view.operator),
+        *(Text(line, style=BAD, no_wrap=True, overflow="ellipsis") for line in warnings(view)),
     ]
     topics, ledger = len(view.topics), len(view.ledger)
     taken = 0
@@ -76,7 +84,7 @@ def render_table(
         ledger *= content is Content.LEDGER
     if height is not None:
         headings = bool(topics) + bool(ledger)
-        head = _HEADER_LINES + (view.task is not None)
+        head = _HEADER_LINES + (view.task is not None) + len(warnings(view))
         topics, ledger = share_lines(height - head - taken - headings, topics, ledger)
     parts += [_topics(view.topics, topics)] if topics else []
     parts += [_ledger(view.ledger, ledger)] if ledger else []
@@ -90,13 +98,18 @@ def share_lines(lines: int, topics: int, ledger: int) -> tuple[int, int]:
     return min(topics, lines - fewer), fewer
 
 
-def _robot(control: ControllerState | None, plant: PlantStatus | None) -> RenderableType:
-    bad = plant is None or plant.fallen
+def _robot(view: Snapshot) -> RenderableType:
+    """Return the lines of controller, plant and authority."""
+    control, plant, authority = view.control, view.plant, view.authority
+    bad = plant is None or plant.fallen or plant.guard is GuardMode.ESTOP
+    odd = plant is not None and plant.commands_foreign > 0
     return Text.assemble(
         ("controller  ", DIM),
         "silent\n" if control is None else format_controller(control) + "\n",
         ("plant       ", DIM),
-        ("silent" if plant is None else format_plant(plant), BAD if bad else ""),
+        ("silent" if plant is None else format_plant(plant), BAD if bad else ODD if odd else ""),
+        ("\nrobot       ", DIM),
+        "nobody says who has it" if authority is None else format_authority(authority, plant),
         no_wrap=True,
         overflow="ellipsis",
     )

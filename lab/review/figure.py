@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from deploy.extras import require
+from common.packages import require
 from lab.review.frames import Image
 
 if TYPE_CHECKING:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 from common.errors import TrillError
 from common.files import write_whole
+from common.packages import install_hint
 from common.transport.keys import topic_of
-from deploy.extras import install_hint
-from deploy.launch import RunResult, Verdict
+from deploy.launch import Verdict
 from deploy.system import LOG_FILE
 from lab.errors import LabError
 from lab.progress import ProgressBar
@@ -17,7 +17,10 @@ from lab.review.summary_readers import LogFindings
 from lab.review.task_summary import trial_lines
 from lab.review.timeline import read_timeline
 from lab.trials.provenance import environment
+from services.logger.read.info import read_info
+from services.logger.read.log_info import LogInfo
 from services.logger.read.reader import LogReader
+from services.logger.read.segments import existing_segments
 
 SUMMARY_FILE = "summary.json"
 SHEET_FILE = "contact_sheet.png"
@@ -25,27 +28,32 @@ VIDEO_FILE = "video.mp4"
 
 
 def finish(
-    ended: RunResult, settings: dict[str, str], *, pictures: bool, video: bool
+    log: Path, verdict: Verdict, settings: dict[str, str], *, pictures: bool, video: bool
 ) -> RunSummary:
-    """Summarise a finished run, print the report and draw the pictures.
+    """Summarise the log of a finished run, print the report and draw the pictures.
 
     Raises:
         LoggerError: there is no readable log.
         LabError: the summary cannot be written.
     """
-    if (ended.run_dir / LOG_FILE).exists():
+    if existing_segments(log)[0].exists():
         print("reading the log", flush=True)
-    summary = write_summary(ended.run_dir, ended.verdict, settings)
+    summary = write_summary(log, verdict, settings)
     print("\n".join(report_lines(summary)), flush=True)
-    if pictures and (failure := draw_pictures(ended.run_dir, video=video)):
+    if pictures and (failure := draw_pictures(log, video=video)):
         print(failure)
-    print("\n".join(file_lines(ended.run_dir)), flush=True)
+    print("\n".join(file_lines(log)), flush=True)
     return summary
 
 
-def known_verdict(run_dir: Path) -> tuple[Verdict, dict[str, str]]:
+def beside(log: Path, name: str) -> Path:
+    """Return the path of a file about ``log``; only a run's own log leaves its name away."""
+    return log.with_name(name if log.name == LOG_FILE else f"{log.stem}-{name}")
+
+
+def known_verdict(log: Path) -> tuple[Verdict, dict[str, str]]:
     """Return verdict and settings from an earlier summary; "unknown" and none without one."""
-    path = run_dir / SUMMARY_FILE
+    path = beside(log, SUMMARY_FILE)
     try:
         known = RunSummary.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -53,22 +61,22 @@ def known_verdict(run_dir: Path) -> tuple[Verdict, dict[str, str]]:
     return Verdict(known.outcome, known.reason), known.environment
 
 
-def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> RunSummary:
-    """Summarise the run's log into ``summary.json``, with versions and ``settings``.
+def write_summary(log: Path, verdict: Verdict, settings: dict[str, str]) -> RunSummary:
+    """Summarise a run's log into ``summary.json``, with versions and ``settings``.
 
     Raises:
         LoggerError: there is no readable log.
         LabError: the summary cannot be written.
     """
-    reader = LogReader(run_dir / LOG_FILE)
+    info, reader = read_info(log), LogReader(log)
     summary = summarise(
         reader.messages(),
-        about_log=lambda: _findings(reader),
+        about_log=lambda: _findings(info, reader),
         outcome=verdict.outcome,
         reason=verdict.reason,
         environment={**environment(), **settings},
     )
-    path = run_dir / SUMMARY_FILE
+    path = beside(log, SUMMARY_FILE)
     try:
         # Atomically: the verdict is kept nowhere else, and a full disk must not destroy it.
         write_whole(path, (summary.model_dump_json(indent=2) + "\n").encode())
@@ -77,17 +85,25 @@ def write_summary(run_dir: Path, verdict: Verdict, settings: dict[str, str]) -> 
     return summary
 
 
-def _findings(reader: LogReader) -> LogFindings:
-    """Return what ``reader`` found out about the log, once it has read to the end."""
+def _findings(info: LogInfo, reader: LogReader) -> LogFindings:
+    """Return what is known about the log, once ``reader`` has read to the end."""
+    lost: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
-    for key, count in reader.report.items():
-        topic = topic_of(reader.origin.get("robot", ""), key)
+    for one in info.topics:
+        topic = topic_of(info.origin.get("robot", ""), one.key)
         if topic is not None:
-            dropped[topic.name] += count.dropped
-    return LogFindings(dropped=dropped, refused=reader.refused, truncated=reader.truncated)
+            lost[topic.name] += one.count.lost
+            dropped[topic.name] += one.count.dropped
+    return LogFindings(
+        lost=lost,
+        dropped=dropped,
+        refused=reader.refused,
+        truncated=reader.truncated,
+        remarks=[*map(str, info.pauses), *info.remarks],
+    )
 
 
-def draw_pictures(run_dir: Path, *, video: bool) -> str:
+def draw_pictures(log: Path, *, video: bool) -> str:
     """Render contact sheet and video; return the reason if that failed, else "".
 
     Nothing is raised: a run is valid without its pictures, for instance without OpenGL.
@@ -96,13 +112,13 @@ def draw_pictures(run_dir: Path, *, video: bool) -> str:
         from lab.review.pictures import write_contact_sheet, write_video
     except ImportError as error:
         return f"no pictures: {error}; {install_hint('deploy,sim')}"
-    timeline = read_timeline(LogReader(run_dir / LOG_FILE).messages())
+    timeline = read_timeline(LogReader(log).messages())
     try:
         with ProgressBar("contact sheet") as bar:
-            write_contact_sheet(run_dir / SHEET_FILE, timeline, bar.show)
+            write_contact_sheet(beside(log, SHEET_FILE), timeline, bar.show)
         if video:
             with ProgressBar("video (Ctrl-C skips it)") as bar:
-                write_video(run_dir / VIDEO_FILE, timeline, bar.show)
+                write_video(beside(log, VIDEO_FILE), timeline, bar.show)
     except TrillError as error:
         return f"no pictures: {error}"
     except KeyboardInterrupt:
@@ -119,7 +135,8 @@ def report_lines(summary: RunSummary) -> list[str]:
         + (f": {summary.reason.splitlines()[0]}" if summary.reason else ""),
         *trial_lines(summary.trials),
         f"robot time     {summary.duration:.1f} s at real-time factor {plant.real_time_factor:.3f}"
-        f" (worst second {plant.real_time_factor_worst:.3f}), falls {plant.falls}",
+        f" (worst second {plant.real_time_factor_worst:.3f}), falls {plant.falls}"
+        + (f", plant started {plant.lives} times" if plant.lives > 1 else ""),
         f"gaits          {total.completed} completed of {total.accepted} accepted and "
         f"{total.requested} requested; {total.refused} refusals"
         + "".join(
@@ -138,6 +155,10 @@ def report_lines(summary: RunSummary) -> list[str]:
         f"{plant.age_at_torque_p99_ms:.1f}, worst second {plant.age_at_torque_p99_worst_ms:.1f}); "
         f"commands refused {plant.commands_refused}, holds {plant.holds}",
     ]
+    lines += [
+        f"{'stops, holder' if number == 0 else '':<14} {event.at:.1f} s: {event.text}"
+        for number, event in enumerate(summary.events)
+    ]
     lines += [_service_line(name, service) for name, service in summary.services.items()]
     gaps = sum(topic.gaps for topic in summary.topics.values())
     dropped = sum(topic.dropped for topic in summary.topics.values())
@@ -146,16 +167,15 @@ def report_lines(summary: RunSummary) -> list[str]:
         f"log            {count} messages, {gaps} missing, {dropped} dropped by the logger"
         + ("; truncated: its end was never written" if summary.log_truncated else "")
     )
-    return lines
+    return lines + [f"{'':<14} {remark}" for remark in summary.log_remarks]
 
 
-def file_lines(run_dir: Path) -> list[str]:
-    """List the files of a run, line by line."""
-    return [
-        f"{'files' if number == 0 else '':<14} {run_dir / name}"
-        for number, name in enumerate((LOG_FILE, SUMMARY_FILE, SHEET_FILE, VIDEO_FILE, "logs"))
-        if (run_dir / name).exists()
-    ]
+def file_lines(log: Path) -> list[str]:
+    """List the files of a run, line by line: all segments of its log, and what is about it."""
+    about = [beside(log, name) for name in (SUMMARY_FILE, SHEET_FILE, VIDEO_FILE)]
+    files = [*existing_segments(log), *about, log.with_name("logs")]
+    there = [path for path in files if path.exists()]
+    return [f"{'files' if number == 0 else '':<14} {path}" for number, path in enumerate(there)]
 
 
 def _means(summary: RunSummary, gait: str) -> str:
@@ -179,4 +199,5 @@ def _service_line(name: str, service: ServiceTiming) -> str:
         f"{name:<14} loop {service.step_median_ms:.2f} ms (p99 {service.step_p99_ms:.2f}) of "
         f"{service.period_ms:.0f}, missed {service.deadline_misses} of {service.steps}, "
         f"CPU {100 * service.cpu:.0f} %, {service.realtime}"
+        + (f", started {service.lives} times" if service.lives > 1 else "")
     )

@@ -89,6 +89,7 @@ class ServiceTiming(_Part):
     step_p99_worst_ms: float = Field(description="largest 99th percentile of a window")
     cpu: float = Field(description="mean share of one core")
     realtime: str
+    lives: int = Field(default=1, description="times it was started; counts are over all lives")
     input_gaps: int = Field(description="messages its inputs missed, by sequence number")
     input_refused: int = Field(description="undecodable or invalid messages on its inputs")
 
@@ -97,17 +98,19 @@ class TopicStats(_Part):
     """Messages of one topic in the log."""
 
     messages: int
-    rate: float = Field(description="from the first to the last message sent [Hz]")
+    rate: float = Field(description="while its publishers sent, from their first to last [Hz]")
     nominal_rate: float
-    gaps: int = Field(description="messages missing in the log, by sequence number")
+    gaps: int = Field(description="lost on the way while the logger ran, by sequence number")
     dropped: int = Field(default=0, description="received by the logger but not written")
     undecodable: int = Field(default=0, description="damaged, or of another schema version")
 
 
 class PlantStats(_Part):
-    """Counts and timing that the plant reported."""
+    """Counts and timing that the plant reported, over all its lives."""
 
+    lives: int = Field(default=1, description="times it was started")
     falls: int = 0
+    stops: int = Field(default=0, description="emergency stops that it latched")
     resets: int = 0
     holds: int = 0
     commands_applied: int = 0
@@ -152,21 +155,32 @@ class TaskTrial(_Part):
     operator: str = Field(default="", description="script that the operator reported")
 
 
+class Event(_Part):
+    """A stop, the end of one, or a change of who has the robot."""
+
+    at: float = Field(description="robot time since the first state [s]")
+    text: str
+
+
 class RunSummary(_Part):
     """Numbers of one run, as written to ``summary.json``."""
 
     outcome: Outcome
     reason: str = ""
-    duration: float = Field(description="robot time since the last reset [s]")
+    duration: float = Field(description="robot time, over all lives and resets of the plant [s]")
     gaits: dict[str, GaitCounts]
     gait_runs: list[GaitRun]
     walk: Walk
     plant: PlantStats
     tracking: Tracking
     trials: list[TaskTrial] = Field(default=[], description="of the scored task; empty without one")
+    events: list[Event] = Field(default=[], description="stops and hand-overs, in order")
     services: dict[str, ServiceTiming]
     topics: dict[str, TopicStats]
     log_truncated: bool = Field(
         default=False, description="the logger was killed before it could write the end"
+    )
+    log_remarks: list[str] = Field(
+        default=[], description="pauses of the recording, missing and foreign files"
     )
     environment: dict[str, str]

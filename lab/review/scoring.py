@@ -6,8 +6,9 @@ nominal crouch. It lies ahead of the torso's origin, so that a turn on the spot 
 
 import json
 from dataclasses import dataclass
+from itertools import groupby
 from math import cos, degrees, hypot, sin
-from typing import Final
+from typing import Final, NamedTuple
 
 from common.robot.pose import Pose2
 from common.robot.rotations import yaw_from_quaternion
@@ -63,40 +64,46 @@ def planar_pose(truth: PlantState) -> Pose2:
     )
 
 
-_UNKNOWN_SENDER = ("", 0)
-"""Sender of a request that was answered but not, or not yet, recorded."""
+class _Place(NamedTuple):
+    """Where the robot was: stamp [ns], pose, and the plant's life and reset."""
+
+    stamp: int
+    pose: Pose2
+    epoch: tuple[int, int]
 
 
 @dataclass
 class _Request:
     request_id: int
-    sender: tuple[str, int]
+    boot: int
+    """Boot id of its sender; 0 while it was answered but not, or not yet, recorded."""
     gait: Gait
     outcome: str = "requested"
     reason: str = ""
     refusals: int = 0
-    started: tuple[int, Pose2] | None = None
-    """Stamp [ns] and pose at its acceptance."""
-    ended: tuple[int, Pose2] | None = None
+    started: _Place | None = None
+    """At its acceptance."""
+    ended: _Place | None = None
 
     def motion(self) -> Pose2:
         """Return the motion from its acceptance to its end; zero if either is unknown."""
-        return self.started[1].to(self.ended[1]) if self.started and self.ended else Pose2()
+        return self.started.pose.to(self.ended.pose) if self.started and self.ended else Pose2()
 
 
 class GaitTracker:
     """Matches gait requests with their replies and with the robot's motion in between.
 
-    A request is identified by its sender and its id, however often it is sent; a reply carries
-    the id alone and answers the latest request with that id. A reply whose request was not
-    recorded counts too. Commanded motions are those of the recorded settings of the controller,
-    or of its default configuration where the log has none.
+    A request is identified by the boot id of its sender and its own id, however often it is sent; a
+    reply names both. One of an earlier version names the id alone and answers the latest request
+    with it. A reply whose request was not recorded counts too. Commanded motions are those of the
+    recorded settings of the controller, or of its default configuration where the log has none.
     """
 
     def __init__(self) -> None:
         self._requests: list[_Request] = []
         self._latest: dict[int, _Request] = {}
-        self._here: tuple[int, Pose2] | None = None
+        self._known: dict[tuple[int, int], _Request] = {}
+        self._here: _Place | None = None
         self._commanded = commanded_motions()
 
     def journal(self, message: StepJournal) -> None:
@@ -105,16 +112,18 @@ class GaitTracker:
 
     def truth(self, message: PlantState) -> None:
         """Update the robot's pose."""
-        self._here = message.header.stamp, planar_pose(message)
+        epoch = (message.header.boot, message.reset_count)
+        self._here = _Place(message.header.stamp, planar_pose(message), epoch)
 
     def request(self, message: GaitRequest) -> None:
         """Add a request."""
-        sender = (message.header.source, message.header.boot)
-        known = self._latest.get(message.request_id)
-        if known is not None and known.sender == _UNKNOWN_SENDER:
-            known.sender = sender  # On two links a reply may overtake its request.
-        elif known is None or known.sender != sender:
-            self._open(message.request_id, message.gait, sender)
+        boot, number = message.header.boot, message.request_id
+        latest = self._latest.get(number)
+        if latest is not None and not latest.boot:
+            latest.boot = boot  # On two links a reply may overtake its request.
+            self._known[boot, number] = latest
+        elif (boot, number) not in self._known:
+            self._open(number, message.gait, boot)
 
     def reply(self, message: GaitReply) -> None:
         """Add a reply, given while the robot was at its last pose.
@@ -122,9 +131,9 @@ class GaitTracker:
         A request that is sent again is answered again, which changes nothing: a gait began with
         its first acceptance and ended with its first completion or abortion.
         """
-        entry = self._latest.get(message.request_id) or self._open(
-            message.request_id, message.gait, _UNKNOWN_SENDER
-        )
+        boot, number = message.requester_boot, message.request_id
+        entry = self._known.get((boot, number)) if boot else self._latest.get(number)
+        entry = entry or self._open(number, message.gait, boot)
         if not _is_new(entry.outcome, message.outcome):
             return
         if message.outcome is GaitOutcome.ACCEPTED:
@@ -152,8 +161,13 @@ class GaitTracker:
                 distance += hypot(motion.x, motion.y)
                 distance_wanted += hypot(step.x, step.y)
         reached = Pose2()
-        if done and done[0].started and done[-1].ended:
-            reached = done[0].started[1].to(done[-1].ended[1])
+        # A reset or a restart of the plant puts the robot elsewhere, which is no walking.
+        walked = [entry for entry in done if entry.started and entry.ended]
+        for _, some in groupby(walked, key=lambda entry: entry.started and entry.started.epoch):
+            gaits = list(some)
+            first, last = gaits[0], gaits[-1]
+            if first.started and last.ended:
+                reached = reached.then(first.started.pose.to(last.ended.pose))
         return Walk(
             distance=distance,
             commanded_distance=distance_wanted,
@@ -166,10 +180,12 @@ class GaitTracker:
             end_error=hypot(reached.x - goal.x, reached.y - goal.y),
         )
 
-    def _open(self, request_id: int, gait: Gait, sender: tuple[str, int]) -> _Request:
-        entry = _Request(request_id, sender, gait)
+    def _open(self, request_id: int, gait: Gait, boot: int) -> _Request:
+        entry = _Request(request_id, boot, gait)
         self._requests.append(entry)
         self._latest[request_id] = entry
+        if boot:
+            self._known[boot, request_id] = entry
         return entry
 
 
@@ -185,7 +201,7 @@ def _is_new(known: str, outcome: GaitOutcome) -> bool:
 def _run(entry: _Request, commanded: Pose2) -> GaitRun:
     duration, motion = 0.0, entry.motion()
     if entry.started and entry.ended:
-        duration = (entry.ended[0] - entry.started[0]) * 1e-9
+        duration = (entry.ended.stamp - entry.started.stamp) * 1e-9
     return GaitRun(
         request_id=entry.request_id,
         gait=entry.gait.name.lower(),

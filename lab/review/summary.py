@@ -8,7 +8,10 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from common.schemas import (
+    AuthorityState,
     ControllerState,
+    Estop,
+    EstopClear,
     GaitReply,
     GaitRequest,
     Message,
@@ -22,7 +25,7 @@ from common.schemas import (
 )
 from common.topics import PLANT_TRUTH, Topic
 from deploy.launch import Outcome
-from lab.review.run_summary import GaitCounts, GaitRun, RunSummary
+from lab.review.run_summary import Event, GaitCounts, GaitRun, RunSummary
 from lab.review.scoring import GaitTracker
 from lab.review.summary_readers import (
     LogFindings,
@@ -32,6 +35,7 @@ from lab.review.summary_readers import (
     TrackingReader,
 )
 from lab.review.task_summary import TaskReader
+from services.logger.read.events import EventLines
 
 
 def summarise(
@@ -54,6 +58,7 @@ def summarise(
     """
     gaits, plant, tracking = GaitTracker(), PlantReader(), TrackingReader()
     services, topics, task = ServiceReader(), TopicReader(), TaskReader()
+    events = _Events()
     for topic, message in messages:
         topics.read(topic, message)
         match message:
@@ -75,6 +80,7 @@ def summarise(
                 gaits.reply(message)
             case TaskStatus() | PlantRequest() | OperatorStatus():
                 task.read(message)
+        events.read(message, plant)
     found, runs, plant_stats = about_log(), gaits.runs(), plant.stats()
     if plant_stats.falls and outcome in {"completed", "script failed", "unknown"}:
         outcome, reason = "fell", reason or "the plant reported a fall"
@@ -90,11 +96,27 @@ def summarise(
         plant=plant_stats,
         tracking=tracking.stats(),
         trials=task.trials(),
+        events=events.found,
         services=services.stats(),
         topics=topics.stats(found),
         log_truncated=found.truncated,
+        log_remarks=list(found.remarks),
         environment=dict(environment or {}),
     )
+
+
+class _Events:
+    """Finds stops, their ends and changes of who has the robot."""
+
+    def __init__(self) -> None:
+        self.found: list[Event] = []
+        self._lines = EventLines()
+
+    def read(self, message: Message, plant: PlantReader) -> None:
+        if isinstance(message, AuthorityState | Estop | EstopClear | PlantStatus):
+            text, _ = self._lines.line(message)
+            if text:
+                self.found.append(Event(at=plant.duration, text=text))
 
 
 def _counts(runs: list[GaitRun]) -> GaitCounts:

@@ -1,18 +1,27 @@
 """Accumulate the numbers of a summary message by message: plant, tracking, services, topics.
 
-Samples are kept as packed doubles, so that a log of hours fits in memory.
+A service that is restarted counts from zero again: what it counts is added up over its lives, each
+with a boot id of its own. Samples are kept as packed doubles, so that a log of hours fits in
+memory.
 """
 
 from array import array
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from common.schemas import ControllerState, Message, PlantState, PlantStatus, ServiceHealth
+from common.schemas import (
+    ControllerState,
+    Header,
+    Message,
+    PlantState,
+    PlantStatus,
+    Sender,
+    ServiceHealth,
+)
 from common.topics import Topic
-from common.wire.sequence import SequenceTracker
 from lab.review.run_summary import PlantStats, Quantiles, ServiceTiming, TopicStats, Tracking
 
 _STATUSES_PER_SECOND = 10
@@ -27,37 +36,44 @@ class LogFindings:
     """What reading the log showed about the log itself.
 
     Attributes:
+        lost: messages that were sent while the logger ran and never reached it, by topic name.
         dropped: messages that the logger received but did not write, by topic name.
         refused: messages that do not fit the schemas of this version, by topic name.
         truncated: whether the logger was killed.
+        remarks: what else a reader should know, a sentence each.
     """
 
+    lost: Mapping[str, int] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
     refused: Mapping[str, int] = field(default_factory=dict)
     truncated: bool = False
+    remarks: Sequence[str] = ()
 
 
 class PlantReader:
     """Accumulates the states that the plant measured and the statuses that it reported."""
 
     def __init__(self) -> None:
-        self._first: PlantState | None = None
-        self._last: PlantState | None = None
-        self._status: PlantStatus | None = None
+        self._spans: dict[tuple[int, int], tuple[Header, Header]] = {}
+        """First and last state's header of each life and reset."""
+        self._statuses: dict[int, PlantStatus] = {}
+        """Last status of each life."""
+        self._fallen = False
         self._falls = 0
         self._saturated, self._factors = _samples(), _samples()
         self._age_medians, self._age_p99s = _samples(), _samples()
 
     def state(self, message: PlantState) -> None:
         """Add a measured state."""
-        if self._first is None or _epoch(self._first) != _epoch(message):
-            self._first = message
-        self._last = message
+        epoch, header = (message.header.boot, message.reset_count), message.header
+        first, _ = self._spans.get(epoch, (header, header))
+        self._spans[epoch] = first, header
 
     def status(self, message: PlantStatus) -> None:
         """Add a report."""
-        self._falls += message.fallen and not (self._status and self._status.fallen)
-        self._status = message
+        self._falls += message.fallen and not self._fallen
+        self._fallen = message.fallen
+        self._statuses[message.header.boot] = message
         self._saturated.append(message.saturated_fraction)
         if not message.paused and message.real_time_factor > 0.0:
             self._factors.append(message.real_time_factor)
@@ -67,24 +83,27 @@ class PlantReader:
 
     @property
     def duration(self) -> float:
-        """Robot time since the plant was last started or reset [s]."""
-        if self._first is None or self._last is None:
-            return 0.0
-        return (self._last.header.stamp - self._first.header.stamp) * 1e-9
+        """Robot time of all lives and resets [s]."""
+        return 1e-9 * sum(last.stamp - first.stamp for first, last in self._spans.values())
 
     def stats(self) -> PlantStats:
         """Return the totals."""
-        last = self._status
-        if last is None:
+        lives = list(self._statuses.values())
+        if not lives:
             return PlantStats()
+        resets: dict[int, int] = {}
+        for boot, reset in self._spans:
+            resets[boot] = max(reset, resets.get(boot, 0))
         age_p99 = Quantiles.of(self._age_p99s)
         return PlantStats(
             falls=self._falls,
-            resets=0 if self._last is None else self._last.reset_count,
-            holds=last.holds,
-            commands_applied=last.commands_applied,
-            commands_refused=last.commands_refused,
-            late_steps=last.late_steps,
+            lives=len(lives),
+            stops=sum(last.stops for last in lives),
+            resets=sum(resets.values()),
+            holds=sum(last.holds for last in lives),
+            commands_applied=sum(last.commands_applied for last in lives),
+            commands_refused=sum(last.commands_refused for last in lives),
+            late_steps=sum(last.late_steps for last in lives),
             saturated_fraction=float(np.mean(self._saturated)),
             real_time_factor=self._real_time_factor(),
             # The factor is taken over a second, which is not full at first.
@@ -95,15 +114,8 @@ class PlantReader:
         )
 
     def _real_time_factor(self) -> float:
-        if self._first is None or self._last is None:
-            return 0.0
-        wall = (self._last.header.sent - self._first.header.sent) * 1e-9
+        wall = 1e-9 * sum(last.sent - first.sent for first, last in self._spans.values())
         return self.duration / wall if wall > 0.0 else 0.0
-
-
-def _epoch(state: PlantState) -> tuple[int, int]:
-    """Return what changes when the plant is restarted or reset."""
-    return state.header.boot, state.reset_count
 
 
 class TrackingReader:
@@ -111,11 +123,12 @@ class TrackingReader:
 
     def __init__(self) -> None:
         self._hand_mm, self._rotation_deg, self._dcm_mm = _samples(), _samples(), _samples()
-        self._last: ControllerState | None = None
+        self._last: dict[int, ControllerState] = {}
+        """Last state of each life."""
 
     def read(self, message: ControllerState) -> None:
         """Add a state of the controller; hands count only while their set-points are fresh."""
-        self._last = message
+        self._last[message.header.boot] = message
         self._dcm_mm.append(1e3 * message.dcm_error)
         if message.setpoint_fresh:
             self._hand_mm.extend(1e3 * message.hand_position_error)
@@ -127,16 +140,16 @@ class TrackingReader:
             hand_position_mm=Quantiles.of(self._hand_mm),
             hand_rotation_deg=Quantiles.of(self._rotation_deg),
             dcm_mm=Quantiles.of(self._dcm_mm),
-            solver=self._last.solver if self._last else "",
-            unsolved=self._last.unsolved if self._last else 0,
+            solver=next((last.solver for last in reversed(self._last.values())), ""),
+            unsolved=sum(last.unsolved for last in self._last.values()),
         )
 
 
 @dataclass
 class _Health:
-    """Reports of one service."""
+    """Reports of one service; ``lives`` has the last one of each."""
 
-    last: ServiceHealth
+    lives: dict[int, ServiceHealth] = field(default_factory=dict)
     medians: "array[float]" = field(default_factory=_samples)
     p99s: "array[float]" = field(default_factory=_samples)
     cpu: "array[float]" = field(default_factory=_samples)
@@ -150,80 +163,82 @@ class ServiceReader:
 
     def read(self, message: ServiceHealth) -> None:
         """Add a report."""
-        health = self._services.setdefault(message.service, _Health(message))
-        health.last = message
+        health = self._services.setdefault(message.service, _Health())
+        health.lives[message.header.boot] = message
         health.medians.append(1e3 * message.step_median)
         health.p99s.append(1e3 * message.step_p99)
         health.cpu.append(message.cpu)
 
     def stats(self) -> dict[str, ServiceTiming]:
         """Return the timing of each service by name."""
-        return {
-            name: ServiceTiming(
-                period_ms=1e3 * health.last.period,
-                steps=health.last.steps,
-                deadline_misses=health.last.deadline_misses,
-                step_median_ms=float(np.median(health.medians)),
-                step_p99_ms=float(np.median(health.p99s)),
-                step_p99_worst_ms=max(health.p99s),
-                cpu=float(np.mean(health.cpu)),
-                realtime=health.last.realtime,
-                input_gaps=sum(link.gaps for link in health.last.links),
-                input_refused=sum(link.refused for link in health.last.links),
-            )
-            for name, health in sorted(self._services.items())
-        }
+        return {name: _timing(health) for name, health in sorted(self._services.items())}
+
+
+def _timing(health: _Health) -> ServiceTiming:
+    lives = list(health.lives.values())
+    links = [link for life in lives for link in life.links]
+    return ServiceTiming(
+        period_ms=1e3 * lives[-1].period,
+        steps=sum(life.steps for life in lives),
+        deadline_misses=sum(life.deadline_misses for life in lives),
+        step_median_ms=float(np.median(health.medians)),
+        step_p99_ms=float(np.median(health.p99s)),
+        step_p99_worst_ms=max(health.p99s),
+        cpu=float(np.mean(health.cpu)),
+        realtime=lives[-1].realtime,
+        lives=len(lives),
+        input_gaps=sum(link.gaps for link in links),
+        input_refused=sum(link.refused for link in links),
+    )
 
 
 @dataclass
-class _TopicCounts:
-    """Messages of one topic."""
+class _Sent:
+    """Messages of one topic from one run of a publisher; times on its clock [ns]."""
 
-    nominal_rate: float = 0.0
+    first: int
+    last: int
     messages: int = 0
-    first_sent: int = 0
-    last_sent: int = 0
-    sources: set[str] = field(default_factory=set)
-    sequence: SequenceTracker = field(default_factory=SequenceTracker)
-
-    @property
-    def rate(self) -> float:
-        """Mean rate [Hz]."""
-        seconds = (self.last_sent - self.first_sent) * 1e-9
-        return (self.messages - 1) / seconds if seconds > 0.0 else 0.0
 
 
 class TopicReader:
     """Counts messages by topic name."""
 
     def __init__(self) -> None:
-        self._topics: dict[str, _TopicCounts] = {}
+        self._topics: dict[str, dict[Sender, _Sent]] = {}
+        self._nominal: dict[str, float] = {}
 
     def read(self, topic: Topic[Any], message: Message) -> None:
         """Count a message."""
         header = message.header
-        counts = self._topics.get(topic.name)
-        if counts is None:
-            counts = _TopicCounts(topic.rate, first_sent=header.sent, last_sent=header.sent)
-            self._topics[topic.name] = counts
-        counts.messages += 1
-        counts.first_sent = min(counts.first_sent, header.sent)
-        counts.last_sent = max(counts.last_sent, header.sent)
-        counts.sources.add(header.source)
-        counts.sequence.observe(header)
+        senders = self._topics.setdefault(topic.name, {})
+        self._nominal[topic.name] = topic.rate
+        sent = senders.get(header.sender)
+        if sent is None:
+            sent = senders[header.sender] = _Sent(header.sent, header.sent)
+        sent.messages += 1
+        sent.first, sent.last = min(sent.first, header.sent), max(sent.last, header.sent)
 
     def stats(self, found: LogFindings) -> dict[str, TopicStats]:
         """Return the counts by topic name; ``found`` adds those of messages not read here."""
-        names = sorted({*self._topics, *found.dropped, *found.refused})
-        known = {name: self._topics.get(name, _TopicCounts()) for name in names}
-        return {
-            name: TopicStats(
-                messages=counts.messages,
-                rate=counts.rate,
-                nominal_rate=counts.nominal_rate * len(counts.sources),
-                gaps=counts.sequence.missing,
-                dropped=found.dropped.get(name, 0),
-                undecodable=found.refused.get(name, 0),
-            )
-            for name, counts in known.items()
-        }
+        names = sorted({*self._topics, *found.lost, *found.dropped, *found.refused})
+        return {name: self._stats(name, found) for name in names}
+
+    def _stats(self, name: str, found: LogFindings) -> TopicStats:
+        by_source: dict[str, list[_Sent]] = {}
+        for sender, sent in self._topics.get(name, {}).items():
+            by_source.setdefault(sender.source, []).append(sent)
+        return TopicStats(
+            messages=sum(sent.messages for lives in by_source.values() for sent in lives),
+            rate=sum(_rate(lives) for lives in by_source.values()),
+            nominal_rate=self._nominal.get(name, 0.0) * len(by_source),
+            gaps=found.lost.get(name, 0),
+            dropped=found.dropped.get(name, 0),
+            undecodable=found.refused.get(name, 0),
+        )
+
+
+def _rate(lives: list[_Sent]) -> float:
+    """Return the mean rate of a publisher while it ran [Hz]."""
+    seconds = 1e-9 * sum(sent.last - sent.first for sent in lives)
+    return sum(sent.messages - 1 for sent in lives) / seconds if seconds > 0.0 else 0.0

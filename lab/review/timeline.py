@@ -33,7 +33,9 @@ from lab.live.new_trials import preceded_first_operator
 from lab.review.scoring import commanded_motions, recorded_motions
 
 RATE = 12.5
-"""Ground truth is thinned to this rate [Hz], so that hours of it fit in memory."""
+"""Ground truth is thinned to this rate [Hz]."""
+MAX_TRUTH = 30_000
+"""Ground truths kept, 40 minutes; of a longer run every other one is dropped, again and again."""
 MAX_IMAGES = 2000
 """Images kept of each camera; when there are more, every other one is dropped."""
 SWING_SHARE = 0.55
@@ -102,8 +104,12 @@ class Timeline:
     commanded: dict[Gait, Pose2] = field(default_factory=commanded_motions)
 
     _scene_state: SceneState | None = None
-    _accepted: dict[int, int] = field(default_factory=dict)
-    """Index of the acceptance of each gait under way, by request id."""
+    _accepted: dict[tuple[int, int], int] = field(default_factory=dict)
+    """Index of the acceptance of each gait under way, by boot id of its requester and number."""
+    _period: float = 1.0 / RATE
+    """Robot time between two ground truths [s]."""
+    _seconds: list[float] = field(default_factory=list)
+    """Robot time at each ground truth, as far as it was asked for [s]."""
     _unattended: set[tuple[int, int]] = field(default_factory=set)
     """Trials that passed before an operator came."""
 
@@ -112,9 +118,12 @@ class Timeline:
         now = len(self.truth) - 1
         match message:
             case PlantState():
-                if topic.name == PLANT_TRUTH.name and _is_due(self.truth, message):
+                due = topic.name == PLANT_TRUTH.name
+                if due and _is_due(self.truth, message, self._period):
                     self.truth.append(message)
                     self.scene_states.append(self._scene_state)
+                    if len(self.truth) > MAX_TRUTH:
+                        self._thin()
             case SceneState():
                 self._scene_state = message
             case StepJournal():
@@ -130,9 +139,9 @@ class Timeline:
                     self.labels.append((now, message.label))
             case GaitReply(outcome=GaitOutcome.ACCEPTED):
                 # A request that is sent again while its gait is under way is accepted again.
-                self._accepted.setdefault(message.request_id, now)
+                self._accepted.setdefault((message.requester_boot, message.request_id), now)
             case GaitReply(outcome=GaitOutcome.COMPLETED):
-                start = self._accepted.pop(message.request_id, None)
+                start = self._accepted.pop((message.requester_boot, message.request_id), None)
                 if start is not None:
                     self.gaits.append(GaitSpan(start, now, message.gait))
             case PlantStatus(fallen=True) if self.fall is None:
@@ -153,6 +162,19 @@ class Timeline:
                     if trial_of(change[1]) not in self._unattended
                 ]
 
+    def _thin(self) -> None:
+        """Drop every other ground truth; what was at one is then at the one before it."""
+        self._period *= 2.0
+        del self.truth[1::2], self.scene_states[1::2]
+        self._seconds.clear()
+        self.labels = [(index // 2, label) for index, label in self.labels]
+        self.gaits = [GaitSpan(one.start // 2, one.end // 2, one.gait) for one in self.gaits]
+        self.fall = None if self.fall is None else self.fall // 2
+        self.left_images = [(index // 2, image) for index, image in self.left_images]
+        self.right_images = [(index // 2, image) for index, image in self.right_images]
+        self.task_changes = [(index // 2, status) for index, status in self.task_changes]
+        self._accepted = {request: index // 2 for request, index in self._accepted.items()}
+
     @property
     def scene(self) -> str:
         """Name of the scene around the robot."""
@@ -170,8 +192,15 @@ class Timeline:
         return [(self.scene_states[i] if i < known else None) or first for i in indices]
 
     def seconds_at(self, index: int) -> float:
-        """Return the robot time from the first ground truth to that at ``index`` [s]."""
-        return (self.truth[index].header.stamp - self.truth[0].header.stamp) * 1e-9
+        """Return the robot time from the first ground truth to that at ``index`` [s].
+
+        It goes on where the plant was restarted or reset.
+        """
+        while len(self._seconds) <= index:
+            number = len(self._seconds)
+            passed = _seconds_between(*self.truth[number - 1 : number + 1]) if number else 0.0
+            self._seconds.append((self._seconds[-1] if number else 0.0) + passed)
+        return self._seconds[index]
 
     def label_at(self, index: int) -> str:
         """Return the operator's label at ``index``; empty before the first one."""
@@ -212,12 +241,21 @@ def _task_state(status: TaskStatus) -> tuple[object, ...]:
     )
 
 
-def _is_due(truth: Sequence[PlantState], message: PlantState) -> bool:
-    """Return whether a period of :data:`RATE` has passed, or a reset set robot time back."""
+def _seconds_between(before: PlantState, state: PlantState) -> float:
+    """Return the robot time from one ground truth to the next [s]; 0 if it began anew."""
+    if (before.header.boot, before.reset_count) != (state.header.boot, state.reset_count):
+        return 0.0
+    return 1e-9 * (state.header.stamp - before.header.stamp)
+
+
+def _is_due(truth: Sequence[PlantState], message: PlantState, period: float) -> bool:
+    """Return whether a ``period`` [s] has passed, or robot time began anew."""
     if not truth:
         return True
+    if message.header.boot != truth[-1].header.boot:
+        return True
     elapsed = (message.header.stamp - truth[-1].header.stamp) * 1e-9
-    return elapsed < 0.0 or elapsed >= 0.95 / RATE
+    return elapsed < 0.0 or elapsed >= 0.95 * period
 
 
 def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import Any, TypeVar
 
-from deploy.extras import install_hint
+from common.packages import install_hint
 from lab.errors import LabError
 from lab.trials.campaign import Executor
 from lab.trials.workers import WORKER_ENVIRONMENT, LocalExecutor
@@ -67,7 +67,10 @@ class RayExecutor:
         try:
             ray.init(address=address, log_to_driver=False, runtime_env=environment)
         except (ConnectionError, ValueError, RuntimeError) as error:
-            raise LabError(f"no Ray cluster at {address!r}: {error}") from error
+            # Ray refuses nodes of another version of itself or of Python and names both.
+            raise LabError(
+                f"no Ray cluster at {address!r} (this machine has Ray {ray.__version__}): {error}"
+            ) from error
         # Not RayTaskError: a fault of the program's own would only come again.
         failures = ray.exceptions
         self.lost: tuple[type[Exception], ...] = (

@@ -1,6 +1,7 @@
 """Identifies the code behind a result: a digest of the modules that decide it, and versions."""
 
 import ast
+import ctypes
 import hashlib
 import os
 import platform
@@ -10,8 +11,9 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from lab.errors import LabError
@@ -95,6 +97,8 @@ class CodeVersion(BaseModel):
     Attributes:
         source: digest of this project's modules that decide what a trial comes to.
         versions: versions of the packages that do.
+        machine: kind of processor and numerical libraries. The same code gives the same bytes on
+            the same kind; on another the last digits differ, which is no other code.
         revision: revision of the repository, for people: no comparison uses it, since many
             revisions have the same source.
     """
@@ -103,6 +107,7 @@ class CodeVersion(BaseModel):
 
     source: str
     versions: dict[str, str]
+    machine: str = ""
     revision: str = ""
 
     def differences(self, other: Self) -> list[str]:
@@ -138,7 +143,35 @@ class CodeVersion(BaseModel):
 def code_version(module: str, packages: tuple[str, ...] = PHYSICS) -> CodeVersion:
     """Return the version of the code that ``module`` imports, and of ``packages`` and Python."""
     versions = {"python": platform.python_version()} | package_versions(packages)
-    return CodeVersion(source=digest(module), versions=versions, revision=revision())
+    return CodeVersion(
+        source=digest(module), versions=versions, machine=machine(), revision=revision()
+    )
+
+
+@cache
+def machine() -> str:
+    """Return what decides the last digits of a result besides the code, in words.
+
+    That is the instructions NumPy has found, the kernels OpenBLAS has chosen, which
+    ``OPENBLAS_CORETYPE`` can change, and the C library's version.
+    """
+    simd: Any = np.show_config(mode="dicts")
+    found = simd.get("SIMD Extensions", {}).get("found") or ["no extensions"]
+    libc = " ".join(platform.libc_ver())
+    parts = (f"{platform.machine()} {found[-1]}", f"BLAS {_blas_kernels()}", libc)
+    return "; ".join(part for part in parts if part)
+
+
+def _blas_kernels() -> str:
+    """Return the kernels that NumPy's own OpenBLAS has chosen, or ``unknown``."""
+    for path in Path(np.__file__).parents[1].glob("numpy.libs/*openblas*"):
+        with suppress(OSError):
+            library = ctypes.CDLL(str(path))  # loaded already, by NumPy
+            for name in ("scipy_openblas_get_corename64_", "openblas_get_corename"):
+                if (ask := getattr(library, name, None)) is not None:
+                    ask.restype = ctypes.c_char_p
+                    return str(ask().decode())
+    return "unknown"
 
 
 def package_versions(packages: Sequence[str]) -> dict[str, str]:
@@ -155,6 +188,7 @@ def environment() -> dict[str, str]:
     found = {
         "python": platform.python_version(),
         "platform": platform.platform(),
+        "machine": machine(),
         "cpus": str(os.cpu_count()),
         **package_versions(PACKAGES),
     }

@@ -13,12 +13,15 @@ from multiprocessing.process import BaseProcess
 from time import monotonic
 from typing import Any, Protocol, TypeVar
 
+from common.program import ENDING
+
 T = TypeVar("T")
 
 WORKER_ENVIRONMENT = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
 )
-"""One thread for each worker: trials run in parallel, and sums come out the same anywhere."""
+"""One thread for each worker: trials run in parallel, and sums come out the same on like
+processors, however many there are."""
 
 _LONGEST_INTERVAL = 1.0
 """Between two checks of a worker at most this much time counts as its silence [s]."""
@@ -75,23 +78,26 @@ def _follow_parent() -> None:
 
 @contextlib.contextmanager
 def worker_environment() -> Iterator[None]:
-    """Spawn environment: one BLAS thread for each worker, SIGINT handled by the parent alone."""
+    """Spawn environment: one BLAS thread for each worker; the parent alone is asked to end."""
     before = {name: os.environ.get(name) for name in WORKER_ENVIRONMENT}
     os.environ.update(WORKER_ENVIRONMENT)
     # Inherited from the first moment on; a handler of theirs would come too late.
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     # A thread of a library may take the signal all the same, and Python's handler then interrupts
     # this one: between its start and its first work, a worker would die with a traceback.
     held: list[int] = []
-    usual = signal.getsignal(signal.SIGINT)
-    ours = usual is not None and threading.current_thread() is threading.main_thread()
-    if ours:
-        signal.signal(signal.SIGINT, lambda number, _frame: held.append(number))
+    usual: dict[signal.Signals, Any] = {}
+    if threading.current_thread() is threading.main_thread():
+        usual = {number: signal.getsignal(number) for number in ENDING}
+    for number, handler in usual.items():
+        if handler not in {None, signal.SIG_IGN}:
+            signal.signal(number, lambda number, _frame: held.append(number))
     try:
         yield
     finally:
-        if ours:
-            signal.signal(signal.SIGINT, usual)
+        for number, handler in usual.items():
+            if handler is not None:
+                signal.signal(number, handler)
         signal.pthread_sigmask(signal.SIG_SETMASK, mask)
         for name, value in before.items():
             if value is None:

@@ -1,6 +1,7 @@
 """``python -m services.logger``: record everything on the bus."""
 
 import argparse
+import contextlib
 import logging
 import sys
 from collections.abc import Sequence
@@ -12,12 +13,11 @@ from common.runtime.live.main import argument_parser, load_settings
 from common.runtime.live.realtime import enter_realtime
 from common.runtime.live.stopping import StopSignals
 from common.tables import validated
-from common.transport.config import split_list
 from services.logger.errors import LoggerError
 from services.logger.read.delivery import format_report
 from services.logger.record.config import LoggerConfig
 from services.logger.record.service import NAME, RecordingOptions, record
-from services.logger.record.units import parse_duration, parse_size
+from services.logger.record.units import parse_duration, parse_patterns, parse_size
 
 FILE_NAME = "log.mcap"
 PRIORITY = 1
@@ -62,9 +62,26 @@ def add_recording_options(to: argparse.ArgumentParser) -> None:
         "--rotate-every", metavar="TIME", help="begin a new segment after this time, e.g. 10min"
     )
     group.add_argument(
+        "--keep-size",
+        metavar="SIZE",
+        help="delete the oldest segments when all take more than this, e.g. 50GB",
+    )
+    group.add_argument(
+        "--keep-segments",
+        type=int,
+        metavar="N",
+        help="delete the oldest segments when there are more",
+    )
+    group.add_argument(
+        "--min-free",
+        metavar="SIZE",
+        help="end the recording, whole, when the disk has less space left (100MB)",
+    )
+    group.add_argument(
         "--topics",
         metavar="PATTERNS",
-        help="record only these, without the robot's name, e.g. 'plant/*,wbc/**'",
+        help="record only these, without the robot's name, separated by commas or blanks, e.g. "
+        "'plant/*,wbc/**'",
     )
     group.add_argument(
         "--exclude", metavar="PATTERNS", help="do not record these, e.g. 'camera/**,journal/*'"
@@ -90,8 +107,11 @@ def settings_of(arguments: argparse.Namespace, table: dict[str, Any]) -> LoggerC
             "compression": arguments.compression,
             "rotate_size": arguments.rotate_size and parse_size(arguments.rotate_size),
             "rotate_every": arguments.rotate_every and parse_duration(arguments.rotate_every),
-            "topics": arguments.topics and split_list(arguments.topics),
-            "exclude": arguments.exclude and split_list(arguments.exclude),
+            "keep_size": arguments.keep_size and parse_size(arguments.keep_size),
+            "keep_segments": arguments.keep_segments,
+            "min_free": arguments.min_free and parse_size(arguments.min_free),
+            "topics": arguments.topics and parse_patterns(arguments.topics),
+            "exclude": arguments.exclude and parse_patterns(arguments.exclude),
         }
     except LoggerError as error:
         raise ConfigError(str(error)) from error
@@ -121,6 +141,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         delivered = record(options, lambda: stop.requested)
     except TrillError as error:
+        with contextlib.suppress(OSError):  # it stays if there is anything in it
+            arguments.out.rmdir()
         return report("logger", error)
     print(format_report(delivered))
     return 0

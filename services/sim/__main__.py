@@ -48,6 +48,12 @@ def _add_arguments(parser: ArgumentParser) -> None:
         choices=["none", "typical"],
         help="noise on the measured state; typical: 2 mm, 2 cm/s, 0.3 deg (none, or the task's)",
     )
+    group.add_argument(
+        "--latch-file",
+        metavar="FILE",
+        help="keeps an emergency stop over a restart, unless the configuration file names another "
+        "(none)",
+    )
 
 
 def build(arguments: Namespace) -> PlantService:
@@ -55,7 +61,10 @@ def build(arguments: Namespace) -> PlantService:
     options = {name: value for name, value in vars(arguments).items() if name in _FIELDS}
     if "noise" in options:
         options["noise"] = TYPICAL_NOISE if options["noise"] == "typical" else {}
-    return PlantService(validated(SimConfig, arguments.settings, options))
+    guard = dict(arguments.settings.get("guard", {}))
+    if "latch_file" in vars(arguments):
+        guard = {"latch_file": arguments.latch_file} | guard
+    return PlantService(validated(SimConfig, arguments.settings, options, {"guard": guard}))
 
 
 def main() -> int:

@@ -3,16 +3,29 @@
 import logging
 from collections import deque
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
 from common.plant.config import PHYSICS_RATE, PHYSICS_STEP_NS
+from common.plant.guard import Refusal
+from common.plant.stop import load_stop, save_stop
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import Header, PlantAction, PlantRequest, PlantStatus, TaskVerdict
-from common.tables import validated
+from common.schemas import (
+    GuardMode,
+    Header,
+    JointCommand,
+    PlantAction,
+    PlantRequest,
+    PlantStatus,
+    Sender,
+    TaskVerdict,
+)
+from common.tables import overlaid, validated
 from common.topics import (
     ESTOP,
+    ESTOP_CLEAR,
     PLANT_REQUEST,
     PLANT_STATE,
     PLANT_STATUS,
@@ -28,6 +41,7 @@ from services.sim.physics.pace import Pace, RateTimer
 from services.sim.physics.plant import Plant
 
 _LOG = logging.getLogger(__name__)
+_EXPECTED = (Refusal.ESTOPPED, Refusal.FALLEN)
 
 
 class PlantService(Service):
@@ -44,11 +58,21 @@ class PlantService(Service):
     """
 
     name = "sim"
-    reads = (WBC_COMMAND, PLANT_REQUEST, ESTOP)
+    reads = (WBC_COMMAND, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)
     writes: tuple[Topic[Any], ...] = (PLANT_STATE, PLANT_TRUTH, PLANT_STATUS)
 
     def __init__(self, config: SimConfig | None = None) -> None:
-        self.plant = Plant(config)
+        config = config or SimConfig()
+        latch = config.guard.latch_file
+        self._latch_file = Path(latch) if latch else None
+        self.plant = Plant(config, load_stop(self._latch_file) if self._latch_file else None)
+        self._kept_stop = self.plant.guard.stop
+        if self._kept_stop.latched:
+            _LOG.warning(
+                "comes up stopped, by %s: %s; trill resume ends it",
+                self._kept_stop.by,
+                self._kept_stop.reason,
+            )
         config = self.plant.config
         topics: list[Topic[Any]] = [PLANT_STATE, PLANT_TRUTH, PLANT_STATUS]
         topics += [TASK_SCENE] * self.plant.view.moves
@@ -59,6 +83,10 @@ class PlantService(Service):
         self.paused = False
         self._state_every = PHYSICS_RATE // config.state_rate
         self._state_due = False
+        self._state_ns = -1
+        self._mode = self.plant.guard.mode
+        self._seen: dict[Sender, JointCommand] = {}
+        self._divergences = 0
         self._pace = Pace(config.physics_steps, config.catch_up_steps)
         self._truth_due = RateTimer(config.truth_rate)
         self._status_due = RateTimer(config.status_rate)
@@ -66,40 +94,91 @@ class PlantService(Service):
         self._task_reported: tuple[object, ...] = ()
         self._refusals_due = RateTimer(1)
         self._refusals_logged = 0
+        self._refusal_told = ""
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
-        """Build the plant for a replay."""
-        return cls(validated(SimConfig, settings))
+        """Build the plant for a replay; it keeps no file of stops."""
+        return cls(validated(SimConfig, overlaid(settings, {"guard": {"latch_file": ""}})))
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Handle requests and the newest command, run the physics steps due, and report."""
-        plant = self.plant
-        if inputs.events(ESTOP):
-            plant.estop()
+        self._keep_stop()
+        self._take_stops(inputs)
         for request in inputs.events(PLANT_REQUEST):
             self._handle(request)
         if inputs.updated(WBC_COMMAND):
-            command = inputs.latest(WBC_COMMAND)
-            if command is not None:
-                plant.offer(command)
+            self._offer(inputs.latest_by_sender(WBC_COMMAND))
         if self.paused:
             self._pace.skip(now_ns)
         else:
             self._advance(self._pace.due(now_ns))
+        return self._report(now_ns)
+
+    def _report(self, now_ns: int) -> list[Output]:
+        """Return what is due, and at once what a change of the guard's mode makes urgent."""
+        plant, guard = self.plant, self.plant.guard
         outputs = []
-        if self._state_due:
-            self._state_due = False
+        changed = guard.mode is not self._mode
+        if changed and GuardMode.ESTOP in (guard.mode, self._mode):
+            self._state_due = True
+        self._mode = guard.mode
+        # No two states have the same stamp, also while paused.
+        if self._state_due and plant.now_ns > self._state_ns:
+            self._state_due, self._state_ns = False, plant.now_ns
             outputs.append(Output(PLANT_STATE, plant.measured()))
         if self._truth_due.due(now_ns):
             outputs += self._ground_truth()
         outputs += self._task_status(now_ns)
-        if self._status_due.due(now_ns):
-            outputs.append(Output(PLANT_STATUS, self._status(now_ns)))
+        due = self._status_due.due(now_ns)
+        if due:
+            self._progress.append((now_ns, plant.now_ns))
+        if due or changed:
+            outputs.append(Output(PLANT_STATUS, self._status()))
         if self._refusals_due.due(now_ns):
             self._log_refusals()
         return outputs
+
+    def close(self) -> None:
+        """Keep the last stop."""
+        self._keep_stop()
+
+    def _take_stops(self, inputs: Inputs) -> None:
+        """Latch the emergency stop, note the buttons that are there, clear."""
+        guard, now_ns = self.plant.guard, self.plant.now_ns
+        for clear in inputs.events(ESTOP_CLEAR):
+            source = clear.header.source
+            if guard.clear(clear.stops, now_ns):
+                _LOG.warning("stop %d cleared by %s: %s", clear.stops, source, clear.reason)
+            else:
+                _LOG.warning("stop %d is not latched, %s cleared nothing", clear.stops, source)
+        # Last, so that a stop outdoes a clear of the same moment.
+        for button in inputs.events(ESTOP):
+            if not button.pressed:
+                guard.beat(now_ns)
+            else:
+                if not guard.stop.latched:
+                    _LOG.warning("STOPPED by %s: %s", button.header.source, button.reason)
+                guard.estop(button.header.source, button.reason)
+
+    def _keep_stop(self) -> None:
+        """Write the stop down, one step after it took effect and was told: a disk may be slow."""
+        stop = self.plant.guard.stop
+        if stop is self._kept_stop or self._latch_file is None:
+            return
+        self._kept_stop = stop
+        try:
+            save_stop(self._latch_file, stop)
+        except OSError as error:
+            _LOG.error("a restart will forget the stop: %s: %s", self._latch_file, error.strerror)
+
+    def _offer(self, commands: dict[Sender, JointCommand]) -> None:
+        """Offer the commands that are new; two controllers must not hide each other."""
+        for sender, command in commands.items():
+            if self._seen.get(sender) is not command:
+                self.plant.offer(command)
+        self._seen = commands
 
     def _ground_truth(self) -> list[Output]:
         """Return the scene, then the robot: whoever waits for the robot then has both."""
@@ -129,10 +208,23 @@ class PlantService(Service):
     def _log_refusals(self) -> None:
         """Log commands that the guard refused, at most once a second."""
         guard = self.plant.guard
-        if guard.refused > self._refusals_logged and guard.last_refusal is not None:
-            new = guard.refused - self._refusals_logged
-            _LOG.warning("refused %d commands, the last: %s", new, guard.last_refusal.value)
-            self._refusals_logged = guard.refused
+        new = guard.refused - self._refusals_logged
+        if not new:
+            return
+        self._refusals_logged = guard.refused
+        told, self._refusal_told = self._refusal_told, self._last_refusal()
+        # A stopped or fallen robot refuses everything, as it must: once is enough.
+        if guard.last_refusal in _EXPECTED and told == self._refusal_told:
+            return
+        _LOG.warning("refused %d commands, the last: %s", new, self._refusal_told)
+
+    def _last_refusal(self) -> str:
+        """Say why a command was refused last, and whose; empty: none was."""
+        guard = self.plant.guard
+        if guard.last_refusal is None:
+            return ""
+        source, boot = guard.last_refused
+        return f"{source or 'nameless'} (boot {boot:x}): {guard.last_refusal.value}"
 
     def _advance(self, steps: int) -> None:
         plant = self.plant
@@ -143,6 +235,7 @@ class PlantService(Service):
                     self._state_due = True
         except PlantDivergedError as error:
             _LOG.exception("resetting: %s", error)
+            self._divergences += 1
             self._reset()
 
     def _reset(self, seed: int | None = None) -> None:
@@ -158,9 +251,9 @@ class PlantService(Service):
         else:
             self.paused = request.action is PlantAction.PAUSE
 
-    def _status(self, now_ns: int) -> PlantStatus:
+    def _status(self) -> PlantStatus:
         plant, guard = self.plant, self.plant.guard
-        self._progress.append((now_ns, plant.now_ns))
+        controller = guard.controller or Sender("", 0)
         (first_now, first_robot), (last_now, last_robot) = self._progress[0], self._progress[-1]
         wall = last_now - first_now
         ages = np.array(plant.command_ages or [0.0])
@@ -178,4 +271,12 @@ class PlantService(Service):
             holds=guard.holds,
             saturated_fraction=plant.saturated_fraction,
             late_steps=self._pace.late_steps,
+            controller=controller.source,
+            controller_boot=controller.boot,
+            commands_foreign=guard.foreign,
+            last_refusal=self._last_refusal(),
+            stops=guard.stop.stops,
+            stopped_by=guard.stop.by,
+            stop_reason=guard.stop.reason,
+            divergences=self._divergences,
         )

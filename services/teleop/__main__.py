@@ -71,8 +71,10 @@ SYNTHETIC_EXAMPLES = """examples:
 """
 
 KEYBOARD = """Operate the robot from this terminal. A key press moves the hands smoothly by 2 cm or
-5 degrees. A gait requested while the robot walks is refused, and the screen shows it. While a
-script is running this operator only watches; it takes over when the script ends."""
+5 degrees. Enter takes the robot, also from a script, and gives it back; while nobody has it, the
+first key that moves the robot takes it. Until then this operator only watches. One press of x,
+Backspace or Delete is the emergency stop, at any time and in any keyboard layout; b b ends it. A
+gait requested while the robot walks is refused, and the screen shows it."""
 
 M = TypeVar("M", bound=BaseModel)
 

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 from common.errors import ConfigError, explain
 from common.runtime.live.main import run_live
 from common.tables import overlaid
+from common.topics import TELEOP_SETPOINT
 from services.wbc.config import PACES, WbcConfig, wbc_config
 from services.wbc.service import WbcService
 
@@ -58,6 +59,10 @@ def _build(arguments: argparse.Namespace) -> WbcService:
         for option, field in (("rate", "rate"), ("solver", "solver"), ("qp_dump", "qp_dump_dir"))
         if option in given
     }
+    hands = {}
+    if TELEOP_SETPOINT.name in arguments.max_age:
+        hands["stale_after"] = arguments.max_age[TELEOP_SETPOINT.name]
+    table = overlaid({"hands": hands}, table)
     if "raw_hands" in given:
         chosen["hands"] = {"mode": "raw"}
     if "torque_mode" in given:

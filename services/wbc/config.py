@@ -8,11 +8,12 @@ than 10 ms.
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from common.robot import joints
 from common.robot.frames import FOOT_SUPPORT_HALF_SIZE
 from common.schemas.arrays import Float64Array as Array
+from common.topics import TELEOP_SETPOINT
 
 
 class _Config(BaseModel):
@@ -212,8 +213,44 @@ class HandConfig(_Config):
         description="multiple of the thresholds above which set-points are followed unfiltered",
     )
     stale_after: float = Field(
-        default=0.25, gt=0.0, description="age of the last set-point after which the hands hold [s]"
+        default=TELEOP_SETPOINT.max_age,
+        gt=0.0,
+        description="age of the last set-point after which the hands hold [s]; unless given here, "
+        "`[runtime] max_age` of `teleop/setpoint` rules",
     )
+
+
+class AuthorityConfig(_Config):
+    """Which of several operators has the robot, and how it changes hands."""
+
+    lease: float = Field(
+        default=1.0,
+        ge=0.25,
+        description="time without a claim of the operator that has the robot, after which nobody "
+        "has it [s]",
+    )
+    ranks: tuple[Literal["person", "script", "policy"], ...] = Field(
+        default=("person", "script", "policy"),
+        description="kinds of operators, the one that goes before the others first",
+    )
+    blend_time: float = Field(
+        default=1.0,
+        ge=0.0,
+        description="shortest time in which the targets go over to those of a new operator [s]",
+    )
+    blend_speed: float = Field(
+        default=0.25, gt=0.0, description="limit of a hand's mean speed in it [m/s]"
+    )
+    blend_turn_rate: float = Field(
+        default=1.047, gt=0.0, description="likewise, rotation: 60 degrees a second [rad/s]"
+    )
+
+    @field_validator("ranks")
+    @classmethod
+    def _complete(cls, ranks: tuple[str, ...]) -> tuple[str, ...]:
+        if sorted(ranks) != ["person", "policy", "script"]:
+            raise ValueError(f"expected person, script and policy, each once; got {list(ranks)}")
+        return ranks
 
 
 class MotorGains(_Config):
@@ -252,6 +289,7 @@ class WbcConfig(_Config):
     gait: GaitConfig = GaitConfig()
     hands: HandConfig = HandConfig()
     motors: MotorGains = MotorGains()
+    authority: AuthorityConfig = AuthorityConfig()
     stand_time: float = Field(default=1.0, gt=0.0, description="to reach the stance at start [s]")
     qp_dump_dir: str = Field(default="", description="directory for unsolved QPs; empty: none")
 

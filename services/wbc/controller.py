@@ -8,11 +8,12 @@ from time import perf_counter
 import numpy as np
 
 from common.robot import joints
-from common.robot.rotations import matrix_from_quaternion, rotation_vector_from_matrix
+from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
+from services.wbc.handover import HandOver, Target
 from services.wbc.hands import HandReference
 from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
@@ -81,6 +82,9 @@ class Controller:
     """Implicit-hierarchical whole-body controller (Seo et al. 2023, sec. III-C).
 
     Times are robot time, taken from the states, so the plant's real-time factor does not matter.
+
+    Attributes:
+        hand_over: lets the targets of a new operator begin where those of the last one ended.
     """
 
     def __init__(self, config: WbcConfig) -> None:
@@ -111,31 +115,37 @@ class Controller:
         self.hands = (HandReference("left", config.hands), HandReference("right", config.hands))
         self.hand_weight = config.tasks.hand_weight_walking
         self._gripper: Array | None = None
+        self.hand_over = HandOver(config.authority)
         nominal = joints.NOMINAL_POSITION[list(joints.MOTOR_POSITION_INDEX)]
         self._posture_target = nominal[12:].copy()
         self._last: tuple[Command, Array] | None = None
 
-    def gripper(self, state: PlantState) -> Array:
-        """Return the gripper closure (2,) to command; without a set-point the measured one."""
-        if self._gripper is None:
-            self._gripper = np.clip(state.gripper_closure, 0.0, 1.0)
-        return self._gripper
+    @property
+    def started(self) -> bool:
+        """Whether there was a tick since the last restart, so that there is a target."""
+        return self._gripper is not None
+
+    @property
+    def target(self) -> Target:
+        """What hands, grippers and neck follow; from the first tick on, at first as measured."""
+        assert self._gripper is not None
+        positions, rotations = zip(*(hand.target for hand in self.hands), strict=True)
+        neck = float(self._posture_target[-1])
+        return Target(np.array(positions), np.array(rotations), self._gripper, neck)
 
     def request(self, request_id: int, gait: Gait) -> None:
         """Request a gait; ``locomotion.answers()`` will hold the answer."""
         self.locomotion.request(request_id, gait)
 
     def set_setpoint(self, setpoint: Setpoint, time: float) -> None:
-        """Apply a set-point received at robot time ``time`` [s]."""
-        poses = (
-            (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
-            (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
-        )
-        for hand, (position, quaternion) in zip(self.hands, poses, strict=True):
-            hand.set(position, matrix_from_quaternion(quaternion), time)
-        self._gripper = np.clip(setpoint.gripper_closure, 0.0, 1.0)
+        """Apply a set-point received at robot time ``time`` [s], once :attr:`started`."""
+        target = self.hand_over.apply(Target.of(setpoint), self.target, time)
+        poses = zip(self.hands, target.positions, target.rotations, strict=True)
+        for hand, position, rotation in poses:
+            hand.set(position, rotation, time)
+        self._gripper = np.clip(target.grippers, 0.0, 1.0)
         low, high = joints.POSITION_LOWER[joints.NECK][0], joints.POSITION_UPPER[joints.NECK][0]
-        self._posture_target[-1] = min(max(setpoint.neck_pitch, low), high)
+        self._posture_target[-1] = min(max(target.neck, low), high)
 
     def tick(self, state: PlantState, time: float) -> tuple[Command, TickReport]:
         """Compute the joint command for a state at robot time ``time`` [s]."""
@@ -143,8 +153,9 @@ class Controller:
         dynamics = self.model.update(RobotState.from_plant(state))
         after_model = perf_counter()
         hands = dynamics.hands
-        for hand, kinematics in zip(self.hands, hands, strict=True):
-            if not hand.started:
+        if not self.started:
+            self._gripper = np.clip(state.gripper_closure, 0.0, 1.0)
+            for hand, kinematics in zip(self.hands, hands, strict=True):
                 hand.hold(kinematics.position, kinematics.rotation, time)
         body = self.locomotion.update(dynamics, state.foot_normal_force, time)
         self._fill_tasks(dynamics, hands, body, time)

@@ -4,56 +4,54 @@ A sender that missed the reply sends the same request again. Boot id and request
 it is answered with the latest known answer.
 """
 
-from collections import OrderedDict
+from collections import deque
 
 from common.schemas import GaitOutcome, GaitRequest
 from services.wbc.locomotion import Answer
 
 REMEMBERED = 256
-"""Number of requests whose last answer is kept."""
+"""Number of finished requests whose answer is kept."""
 
 
 class RequestTracker:
     """Numbers requests for the state machine and keeps the latest answer to each."""
 
     def __init__(self) -> None:
-        self._numbers: OrderedDict[tuple[int, int], int] = OrderedDict()
-        self._ids: dict[int, int] = {}
+        self._numbers: dict[tuple[int, int], int] = {}
+        self._requests: dict[int, GaitRequest] = {}
         self._answers: dict[int, Answer] = {}
+        self._finished: deque[int] = deque()
         self._count = 0
 
     def register(self, request: GaitRequest) -> int | None:
         """Return the number of a new request; None if it is known already."""
-        key = (request.header.boot, request.request_id)
+        key = _key(request)
         if key in self._numbers:
             return None
         self._count += 1
         self._numbers[key] = self._count
-        self._ids[self._count] = request.request_id
-        if len(self._numbers) > REMEMBERED:
-            self._forget_one()
+        self._requests[self._count] = request
         return self._count
 
-    def _forget_one(self) -> None:
-        """Discard the oldest request that has its final answer."""
-        for key, number in self._numbers.items():
-            answer = self._answers.get(number)
-            if answer is not None and answer.outcome is not GaitOutcome.ACCEPTED:
-                del self._numbers[key], self._ids[number], self._answers[number]
-                return
-
     def answer_to(self, request: GaitRequest) -> Answer | None:
-        """Return the latest answer to a known request, with the sender's request id."""
-        number = self._numbers.get((request.header.boot, request.request_id))
-        answer = None if number is None else self._answers.get(number)
-        if answer is None:
-            return None
-        return Answer(request.request_id, answer.gait, answer.outcome, answer.reason)
+        """Return the latest answer to a request; None if it is new or not yet answered."""
+        number = self._numbers.get(_key(request))
+        return None if number is None else self._answers.get(number)
 
-    def record(self, answer: Answer) -> None:
-        """Keep an answer of the state machine."""
+    def record(self, answer: Answer) -> GaitRequest:
+        """Keep an answer of the state machine; return the request that it answers.
+
+        Of the requests with a final answer the oldest are forgotten, never an open one.
+        """
         self._answers[answer.request_id] = answer
+        request = self._requests[answer.request_id]
+        if answer.outcome is not GaitOutcome.ACCEPTED:
+            self._finished.append(answer.request_id)
+            if len(self._finished) > REMEMBERED:
+                oldest = self._finished.popleft()
+                del self._answers[oldest], self._numbers[_key(self._requests.pop(oldest))]
+        return request
 
-    def request_id(self, answer: Answer) -> int:
-        """Return the sender's request id of an answer of the state machine."""
-        return self._ids.get(answer.request_id, answer.request_id)
+
+def _key(request: GaitRequest) -> tuple[int, int]:
+    return request.header.boot, request.request_id

@@ -47,6 +47,14 @@ class Solver(Protocol):
         ...
 
 
+def _held(data: QpData, x: Array, status: str) -> Solution:
+    """Return a solver's answer; it is a solution only if it satisfies every constraint."""
+    rows = data.A @ x
+    violation = np.maximum(data.l - rows, rows - data.u).max()
+    # Not so if a number is not finite, for then no comparison holds.
+    return Solution(x, bool(violation <= FEASIBLE), status)
+
+
 def _pattern() -> tuple[Array, Array]:
     """Return the nonzero patterns of P (upper triangle) and A, valid in every configuration."""
     P = np.zeros((NUM_VARIABLES, NUM_VARIABLES))
@@ -66,11 +74,14 @@ def _pattern() -> tuple[Array, Array]:
 
 SLACK_WEIGHT = 1e6
 """Weight of a soft row's violation in the cost; the hands have 20."""
+SHORTFALL = 0.01
+"""Deviation within which a soft row counts as met, and as binding [m/s²]."""
 _SOLVED = (1, 2)
 _OUT_OF_ITERATIONS = 7
 """Status values of OSQP: solved (exactly or inaccurately); maximum iterations reached."""
-SHORTFALL = 0.01
-"""Deviation within which a soft row counts as met, and as binding [m/s²]."""
+FEASIBLE = 5e-3
+"""Largest constraint violation of a solution that is used [N, N·m]: what OSQP's relative tolerance
+allows in rows of 1000 N. "Solved inaccurate" was seen to violate three times as much."""
 FORCE_SCALE = 100.0
 """Unit of the reaction forces inside OSQP [N]."""
 
@@ -83,16 +94,18 @@ class OsqpSolver:
     walking tick in a hundred ran out of iterations.
 
     With arms at their joint limits OSQP still needs hundreds of iterations, 10 ms of a 10 ms tick.
-    Its iterations are therefore limited, and an exact solver solves what it did not finish, and
-    what it solved without the soft rows to a solution that misses one of them.
+    Its iterations are therefore limited, and ``fallback``, if given, solves what it did not finish,
+    and what it solved without the soft rows to a solution that misses one of them.
     """
 
     name = "osqp"
 
-    def __init__(self, exact: "Solver", tolerance: float = 5e-6, max_iterations: int = 150) -> None:
-        self._exact = exact
+    def __init__(
+        self, tolerance: float = 5e-6, max_iterations: int = 150, fallback: "Solver | None" = None
+    ) -> None:
         self._tolerance = tolerance
         self._max_iterations = max_iterations
+        self._fallback = fallback
         self._solver: Any = None
         self._soft_rows_bind = False
         # Indices of P's and A's nonzeros in the flattened matrices.
@@ -136,9 +149,9 @@ class OsqpSolver:
 
     def solve(self, data: QpData) -> Solution:
         """Solve from the last solution with updated values."""
-        if self._soft_rows_bind:
+        if self._soft_rows_bind and self._fallback is not None:
             # They mostly do for many ticks on end.
-            return self._solve_exactly(data, "soft rows")
+            return self._solve_exactly(data, self._fallback, "soft rows")
         if self._solver is None:
             self._setup(data)
         else:
@@ -150,27 +163,31 @@ class OsqpSolver:
                 Ax=self._A_scale * data.A.take(self._A_places),
             )
         result = self._solver.solve(raise_error=False)
-        status = str(result.info.status)
-        finite = bool(np.isfinite(result.x).all())
-        if finite and int(result.info.status_val) in _SOLVED:
-            solution = Solution(self._scale * result.x, True, status)
-            if data.shortfall(solution.x) < SHORTFALL:
+        info = result.info
+        status, finite = int(info.status_val), bool(np.isfinite(result.x).all())
+        iterated = finite and status in (*_SOLVED, _OUT_OF_ITERATIONS)
+        if iterated:
+            solution = _held(data, self._scale * result.x, str(info.status))
+            kept = status in _SOLVED and data.shortfall(solution.x) < SHORTFALL
+            if solution.solved and (kept or self._fallback is None):
                 return solution
-        elif not finite or int(result.info.status_val) != _OUT_OF_ITERATIONS:
+        else:
             # A diverged workspace would spoil the next warm start.
             self._solver = None
-        return self._solve_exactly(data, status)
+        if self._fallback is not None:
+            return self._solve_exactly(data, self._fallback, str(info.status))
+        return Solution(self._scale * result.x, False, str(info.status))
 
-    def _solve_exactly(self, data: QpData, status: str) -> Solution:
+    def _solve_exactly(self, data: QpData, fallback: "Solver", status: str) -> Solution:
         """Solve exactly what OSQP did not, and warm-start OSQP from the solution."""
-        exact = self._exact.solve(data)
+        exact = fallback.solve(data)
         self._soft_rows_bind = exact.solved and data.shortfall(exact.x) > -SHORTFALL
         if not exact.solved:
             # Without a solution there is no warm start.
             self._solver = None
         elif self._solver is not None:
             self._solver.warm_start(x=exact.x / self._scale)
-        return Solution(exact.x, exact.solved, f"{status}; {self._exact.name}: {exact.status}")
+        return Solution(exact.x, exact.solved, f"{status}; {fallback.name}: {exact.status}")
 
 
 def _csc_index(mask: Array) -> tuple[Any, Any]:
@@ -220,8 +237,8 @@ class DaqpSolver:
         x, _, status, _ = self._daqp.solve(
             data.P, data.q, rows, np.concatenate(upper), np.concatenate(lower), sense
         )
-        solved = status in _DAQP_SOLVED and bool(np.isfinite(x).all())
-        return Solution(np.asarray(x), solved, f"daqp exit {status}")
+        text = f"daqp exit {status}"
+        return _held(data, x, text) if status in _DAQP_SOLVED else Solution(x, False, text)
 
 
 class QuadprogSolver:
@@ -256,7 +273,7 @@ class QuadprogSolver:
             x = self._quadprog.solve_qp(P, -q, C.T.copy(), b, EQUALITIES)[0][:NUM_VARIABLES]
         except ValueError as error:
             return Solution(np.zeros(NUM_VARIABLES), False, str(error))
-        return Solution(np.asarray(x), bool(np.isfinite(x).all()), "solved")
+        return _held(data, x, "solved")
 
 
 _SOLVERS = {"osqp": OsqpSolver, "daqp": DaqpSolver, "quadprog": QuadprogSolver}
@@ -271,6 +288,14 @@ def make_solver(name: str) -> Solver:
     if name not in _SOLVERS:
         raise SolverUnavailableError(f"unknown solver {name!r}, expected one of {list(_SOLVERS)}")
     if name == OsqpSolver.name:
-        return OsqpSolver(DaqpSolver())
+        return OsqpSolver(fallback=_exact_solver())
     solver: Solver = _SOLVERS[name]()
     return solver
+
+
+def _exact_solver() -> Solver | None:
+    """Return the solver for QPs on which OSQP runs out of iterations; None if not installed."""
+    try:
+        return DaqpSolver()
+    except SolverUnavailableError:
+        return None

@@ -23,6 +23,8 @@ from common.schemas import EpisodeAction
 from common.topics import (
     ALL_TOPICS,
     EPISODE,
+    ESTOP,
+    ESTOP_CLEAR,
     HEALTH,
     HEARTBEAT,
     JOURNAL,
@@ -213,7 +215,7 @@ MADE_BY_HAND = {
     "common/transport/keys.py": 5,  # the keys of a topic
     "common/transport/tap.py": 1,  # everything, for a listener
     "services/logger/record/selection.py": 2,  # everything, or a pattern that a person gave
-    "services/logger/record/service.py": 2,  # the same in a message
+    "services/logger/record/files.py": 2,  # the same in a message
     "lab/logs/playback.py": 2,  # keys of a recording, under another robot's name
 }
 
@@ -240,8 +242,8 @@ SERVICE_CLASSES: tuple[type[Service], ...] = (
     SyntheticOperator,
     KeyboardOperator,
 )
-FROM_TOOLS = {(EPISODE.name, Role.TOOL), (PLANT_REQUEST.name, Role.TOOL)}
-"""`trill mark`, and `trill up` for a new operator."""
+FROM_TOOLS = {(topic.name, Role.TOOL) for topic in (EPISODE, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)}
+"""`trill mark`, `trill reset`, `trill stop`, `trill resume`, and `trill up` for a new operator."""
 
 
 def test_the_table_names_those_who_publish_a_topic_and_no_other() -> None:

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from common.errors import EXITS_FOR_GOOD
 from deploy import supervisor as supervisor_module
 from deploy.errors import DeployError
 from deploy.process import Exit, ProcessSpec, describe_code, tail
@@ -113,6 +114,19 @@ def test_escalation_ends_those_that_ignore_signals(
         pid = supervisor.pid("a")
     assert not running(pid)
     assert tail(supervisor.log_path("a"))[-1] == last
+
+
+@pytest.mark.parametrize("code", sorted(EXITS_FOR_GOOD))
+def test_what_would_end_so_again_is_not_started_again(
+    module: Callable[[str, str], str], tmp_path: Path, code: int
+) -> None:
+    name = module("fake_refused", f"import sys\nsys.exit({code})\n")
+    spec = ProcessSpec("refused", name, restart=True)
+    with Supervisor([spec], tmp_path / "logs") as supervisor:
+        until(lambda: not supervisor.alive("refused"))
+        (ended,) = supervisor.poll()
+        assert (ended.code, ended.restarted) == (code, False)
+        assert supervisor.running() == []
 
 
 def test_reports_a_death_with_code_and_last_words(
@@ -276,7 +290,8 @@ def test_nothing_outlives_the_supervisor(
     script = f"""
 import sys, time
 from pathlib import Path
-from deploy.process import ProcessSpec, tail, signals_as_keyboard_interrupt
+from common.program import signals_as_keyboard_interrupt
+from deploy.process import ProcessSpec, tail
 from deploy.supervisor import SignalEscalation, Supervisor
 specs = [ProcessSpec(name, name) for name in {fakes!r}]
 quick = SignalEscalation(0.5, 0.5, 2.0)

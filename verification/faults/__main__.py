@@ -14,17 +14,21 @@ from rich.console import Console
 from rich.table import Table
 
 from common.errors import TrillError, explain
+from common.program import run_program
 from lab.progress import ProgressBar
 from verification.faults.clock_skew import ClockSkew
 from verification.faults.dead_peer import DeadPeer
 from verification.faults.kill_recorder import KillRecorder
 from verification.faults.logger_on_robot import LoggerOnRobot
 from verification.faults.network_cut import NetworkCut
+from verification.faults.operators import Operators
 from verification.faults.plan import FaultPlan, Row, Verdict
 from verification.faults.slow_subscriber import SlowSubscriber
 
 Plans = Sequence[type[FaultPlan]]
-PLANS: Plans = (KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew)
+PLANS: Plans = (
+    KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew, Operators,
+)  # fmt: skip
 _WIDTH = 120
 """Width of the tables where the output is not a terminal."""
 
@@ -43,7 +47,7 @@ def parser(plans: Plans) -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     result.add_argument("names", nargs="*", metavar="NAME", help="experiments to run (all)")
-    result.add_argument("--quick", action="store_true", help="short runs, about four minutes")
+    result.add_argument("--quick", action="store_true", help="short runs, about six minutes")
     result.add_argument("--out", type=Path, default=Path("runs/studies/faults"), metavar="DIR",
                         help="folder of the results, a JSON file each (%(default)s)")  # fmt: skip
     fields = [(name, field, p) for p in plans for name, field in p.model_fields.items()]
@@ -69,9 +73,18 @@ def main(argv: Sequence[str] | None = None, plans: Plans = PLANS) -> int:
         chosen = [configured(known[name], arguments) for name in arguments.names or known]
     except ValidationError as error:
         command_line.error(explain(error))
+    return run_program(
+        "verification.faults",
+        lambda: run_all(chosen, arguments.out),
+        f"stopped; what has ended is in {arguments.out}",
+    )
+
+
+def run_all(plans: Sequence[FaultPlan], out: Path) -> int:
+    """Run experiments and print their verdicts; return 1 if a promise is broken."""
     width = None if sys.stdout.isatty() else _WIDTH
     console = Console(width=width, markup=False, highlight=False)
-    verdicts = {plan.name: run(plan, arguments.out, console) for plan in chosen}
+    verdicts = {plan.name: run(plan, out, console) for plan in plans}
     console.print(_verdicts(verdicts))
     return int(not all(v.kept for of_plan in verdicts.values() for v in of_plan))
 

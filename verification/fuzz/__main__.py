@@ -5,6 +5,7 @@ import logging
 import sys
 import time
 
+from common.program import run_program
 from common.topics import ALL_TOPICS
 from verification.fuzz.run import fuzz_topic
 
@@ -19,11 +20,16 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=100_000, help="payloads per topic (100000)")
     parser.add_argument("--seed", type=int, default=0, help="the same seed gives the same payloads")
     options = parser.parse_args()
+    return run_program("fuzz", lambda: run(options.count, options.seed), "stopped")
+
+
+def run(count: int, seed: int) -> int:
+    """Feed ``count`` payloads to each topic's reader; return 1 if one is not accounted for."""
     logging.disable(logging.WARNING)
     print(f"{'topic':<18} {'fed':>8} {'refused':>8} {'applied':>8} {'late':>8} {'slowest ms':>10}")
     started, failed = time.monotonic(), False
     for topic in ALL_TOPICS:
-        result = fuzz_topic(topic, options.count, options.seed)
+        result = fuzz_topic(topic, count, seed)
         print(
             f"{result.topic:<18} {result.fed:>8} {result.refused:>8} {result.applied:>8} "
             f"{result.late:>8} {1e3 * result.slowest:>10.2f}",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from common.errors import SchemaError, TrillError
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.journal.journal import Journal
 from common.journal.tables import read_tables
@@ -28,7 +28,11 @@ _TAGGED = 0.1
 
 @dataclass
 class FuzzResult:
-    """What became of the payloads of one topic; ``slowest`` is the longest step [s]."""
+    """What became of the payloads of one topic.
+
+    ``late`` are the overtaken and repeated ones, and those whose damage made another sender of
+    them; ``slowest`` is the longest step [s].
+    """
 
     topic: str
     fed: int = 0
@@ -83,6 +87,7 @@ def fuzz_topic(topic: Topic[Any], count: int, seed: int) -> FuzzResult:
         else:
             # A late event is applied and counted as late; it must not be counted twice.
             result.late += after.late + after.repeated - before.late - before.repeated
+            result.late += after.foreign - before.foreign
     return result
 
 

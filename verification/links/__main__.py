@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from common.errors import TrillError
 from common.links.spec import LinkSpec
+from common.program import run_program
 from lab.review.delay_plot import Panel, write_histograms
 from verification.links import simulated
 from verification.links.live import bench
@@ -49,17 +49,21 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
 def main(argv: list[str] | None = None) -> int:
     """Measure; exit code 0, 1 if the processes cannot be measured, or 2 for a wrong link."""
     arguments = _parse(argv)
+    return run_program("links", lambda: run(arguments), "stopped; nothing was written")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure, print the table and write the files; returns 0.
+
+    Raises:
+        ConfigError: a link is not understood.
+        TrillError: the processes cannot be measured.
+    """
     logging.basicConfig(level=logging.WARNING)
     about: dict[str, Any] = {"cores": os.cpu_count(), "load": [os.getloadavg()[0]]}
-    code = 2
-    try:
-        for link in arguments.links:
-            LinkSpec.parse(link)
-        code = 1
-        measured = _measure(arguments, about)
-    except TrillError as error:
-        print(f"links: {error}", file=sys.stderr)
-        return code
+    for link in arguments.links:
+        LinkSpec.parse(link)
+    measured = _measure(arguments, about)
     about["load"].append(os.getloadavg()[0])
     Console(width=None if sys.stdout.isatty() else 150).print(_table(measured))
     print(", ".join(f"{key}: {value}" for key, value in about.items()))

@@ -7,8 +7,9 @@ import tempfile
 from pathlib import Path
 
 from common.errors import TrillError
+from common.program import run_program
 from lab.demonstrations.export import lerobot, robomimic
-from lab.demonstrations.export.selection import EpisodeSelection, ExportInput, select_episodes
+from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
 from lab.errors import DatasetError
 from verification.loaders.loaders import LOADERS, Loader, install, python_of, run_check
 
@@ -37,24 +38,24 @@ _COLLECT = ("--episodes", "2", "--physics-steps", "5", "--width", "200", "--heig
 def main() -> int:
     """Run the checks; return the exit code."""
     arguments = _arguments()
+    return run_program("loaders", lambda: run(arguments), "stopped")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Export and load; return 1 if a loader refuses an export, or none ran."""
     wanted = [one for one in LOADERS if arguments.only in {None, one.name}]
     tried = failed = 0
-    try:
-        with tempfile.TemporaryDirectory(prefix="trill-loaders-") as name:
-            scratch = Path(name)
-            roots = [root.resolve() for root in arguments.data] or [_collected(scratch)]
-            source = select_episodes(EpisodeSelection(tuple(roots)))
-            for loader in wanted:
-                python = python_of(loader)
-                if python is None:
-                    _report(f"{loader.name}: skipped, needs Python {' or '.join(loader.pythons)}")
-                    continue
-                tried += 1
-                venvs = arguments.venvs.resolve() if arguments.venvs else scratch
-                failed += not _accepted(loader, python, venvs, source, roots, scratch)
-    except TrillError as error:
-        print(f"trill: {error}", file=sys.stderr)
-        return 1
+    with tempfile.TemporaryDirectory(prefix="trill-loaders-") as name:
+        scratch = Path(name)
+        roots = [root.resolve() for root in arguments.data] or [_collected(scratch)]
+        for loader in wanted:
+            python = python_of(loader)
+            if python is None:
+                _report(f"{loader.name}: skipped, needs Python {' or '.join(loader.pythons)}")
+                continue
+            tried += 1
+            venvs = arguments.venvs.resolve() if arguments.venvs else scratch
+            failed += not _accepted(loader, python, venvs, roots, scratch)
     _report(f"{tried - failed} of {tried} loaders accept the exports")
     return int(failed > 0 or tried == 0)
 
@@ -96,16 +97,15 @@ def _collected(scratch: Path) -> Path:
     return root
 
 
-def _accepted(
-    loader: Loader, python: str, venvs: Path, source: ExportInput, roots: list[Path], scratch: Path
-) -> bool:
+def _accepted(loader: Loader, python: str, venvs: Path, roots: list[Path], scratch: Path) -> bool:
     """Export for a loader and report whether it accepts every export."""
     try:
         interpreter = install(loader, python, venvs / loader.name, _report)
         for number, (title, options) in enumerate(loader.exports.items()):
             out = scratch / f"{loader.name}-{number}{'.hdf5' if loader.form == 'robomimic' else ''}"
-            write = robomimic.write if loader.form == "robomimic" else lerobot.write
-            write(source, out, **options)
+            module = robomimic if loader.form == "robomimic" else lerobot
+            selection = EpisodeSelection(tuple(roots), columns=options.columns)
+            module.write(select_episodes(selection), out, **options.write)
             found = run_check(loader, interpreter, out, roots)
             lines = [line[2:] for line in found.splitlines() if _is_finding(line)]
             _report(f"{loader.name}: {title}\n  " + "\n  ".join(lines))

@@ -62,6 +62,17 @@ def collected_episodes(roots: Sequence[Path]) -> Iterator[CollectedEpisode]:
                     yield CollectedEpisode(file, meta, meta["verdict_frame"])
 
 
+def held_gaits(requests: Any, states: Any) -> Any:
+    """Return the gait of each frame (frames,) from its request until the feet stand again."""
+    held = np.zeros(len(requests))
+    for begin in np.flatnonzero(requests).tolist():
+        steps = np.flatnonzero(states[begin:] > 1) + begin
+        standing: Any = np.flatnonzero(states[steps[0] :] <= 1) if len(steps) else []
+        end = steps[0] + standing[0] if len(standing) else len(requests)
+        held[begin:end] = requests[begin]
+    return held
+
+
 def check_equal(what: str, got: Any, expected: Any) -> int:
     """Check that numbers are equal to the bit; return how many were compared.
 

@@ -3,6 +3,7 @@
 python -m verification.loaders.lerobot_check EXPORT DATASET [DATASET ...]
 """
 
+import json
 import os
 import sys
 from collections.abc import Sequence
@@ -18,6 +19,7 @@ from verification.loaders.collected import (
     MismatchError,
     check_equal,
     collected_episodes,
+    held_gaits,
     psnr,
 )
 from verification.loaders.torchvision_shim import declare_torchvision_operators
@@ -53,6 +55,8 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
     eyes = [eye for eye in EYES if f"observation.images.{eye}" in data.meta.camera_keys]
     report = {"frames": len(data), **_compare(data, roots, eyes)}
     report |= _statistics(data)
+    report |= _scaled_by_quantiles(data)
+    report |= _modality(export, data)
     report |= _windows(export, data, eyes)
     if train:
         report["loss, ACT"] = _train(export, data)
@@ -61,11 +65,12 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
 
 def _compare(data: Any, roots: Sequence[Path], eyes: Sequence[str]) -> dict[str, Any]:
     numbers, place = 0, 0
+    held = json.loads((data.root / "meta/trill.json").read_text())["gait"] == "held"
     noise: dict[str, list[float]] = {eye: [] for eye in eyes}
     for number, episode in enumerate(collected_episodes(roots)):
         parts = {
-            "observation.state": _joined(episode, "observation", _STATE),
-            "action": _joined(episode, "action", _ACTION),
+            "observation.state": _state(episode, data.meta.features["observation.state"]["names"]),
+            "action": _action(episode, held=held),
         } | {f"age.{name}": episode.array(f"age/{name}")[:, 0] for name in _AGES}
         for frame in range(episode.frames):
             item = data[place]
@@ -87,6 +92,26 @@ def _compare(data: Any, roots: Sequence[Path], eyes: Sequence[str]) -> dict[str,
     for eye, values in noise.items():
         report[f"PSNR, {eye} eye [dB]"] = f"{np.mean(values):.1f}, worst {min(values):.1f}"
     return report
+
+
+def _state(episode: CollectedEpisode, names: Sequence[str]) -> Any:
+    """Return the columns (frames, columns) that have these names in the export."""
+    every = _joined(episode, "observation", _STATE)
+    prefixes = {"gripper_closure": "{}_gripper", "joint_velocity": "velocity.{}"}
+    known: list[str] = []
+    for part in _STATE[:-1]:
+        form = prefixes.get(part, "{}")
+        known += [form.format(name) for name in episode.names(f"observation/{part}")]
+    known.append("control_state")
+    return every[:, [known.index(name) for name in names]]
+
+
+def _action(episode: CollectedEpisode, *, held: bool) -> Any:
+    actions = _joined(episode, "action", _ACTION)
+    if held:
+        states = episode.array("observation/control_state")[:, 0]
+        actions[:, 16] = held_gaits(actions[:, 16], states)
+    return actions
 
 
 def _joined(episode: CollectedEpisode, group: str, names: Sequence[str]) -> Any:
@@ -121,6 +146,47 @@ def _statistics(data: Any) -> dict[str, Any]:
         if np.shape(data.meta.stats[key]["mean"]) != (3, 1, 1):
             raise MismatchError(f"stats of {key}: {data.meta.stats[key]}")
     return {"statistics": "correct"}
+
+
+def _scaled_by_quantiles(data: Any) -> dict[str, Any]:
+    """Scale every frame between q01 and q99, as lerobot does, and look how far it goes."""
+    import torch
+    from lerobot.configs.types import FeatureType, NormalizationMode, PolicyFeature
+    from lerobot.processor import NormalizerProcessorStep
+
+    keys = {"observation.state": FeatureType.STATE, "action": FeatureType.ACTION}
+    features = {
+        key: PolicyFeature(kind, tuple(data.meta.features[key]["shape"]))
+        for key, kind in keys.items()
+    }
+    modes = dict.fromkeys(keys.values(), NormalizationMode.QUANTILES)
+    step = NormalizerProcessorStep(features=features, norm_map=modes, stats=data.meta.stats)
+    table, worst = data.hf_dataset.data, 0.0
+    for key, kind in keys.items():
+        values = torch.tensor(np.array(table[key].to_pylist(), dtype=np.float32))
+        scaled = step._apply_transform(values, key, kind)
+        worst = max(worst, float(scaled.abs().max()))
+    # Quantiles a hundredth of the range apart leave twice a hundred.
+    if not worst <= 201.0:
+        raise MismatchError(f"scaled between q01 and q99 a number becomes {worst:g}")
+    return {"largest number scaled by quantiles": round(worst, 2)}
+
+
+def _modality(export: Path, data: Any) -> dict[str, Any]:
+    """Check that GR00T's description covers state and action without gap or overlap."""
+    about = json.loads((export / "meta/modality.json").read_text())
+    for name, key in (("state", "observation.state"), ("action", "action")):
+        at = 0
+        for part, span in sorted(about[name].items(), key=lambda item: item[1]["start"]):
+            if span["start"] != at or span["end"] <= at:
+                raise MismatchError(f"modality.json: {name} {part} is at {span}, expected {at}")
+            at = span["end"]
+        if at != data.meta.features[key]["shape"][0]:
+            raise MismatchError(f"modality.json: {name} ends at {at}")
+    shown = {video["original_key"] for video in about["video"].values()}
+    if shown != set(data.meta.camera_keys):
+        raise MismatchError(f"modality.json: pictures {shown}, expected {data.meta.camera_keys}")
+    return {"modality.json": "covers state, action and pictures"}
 
 
 def middle_frame(data: Any) -> int:

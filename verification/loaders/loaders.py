@@ -5,10 +5,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from lab.demonstrations.export.fields import ExportColumns
 from lab.errors import DatasetError
 
 TORCH = ("torch==2.13.0",)
@@ -16,6 +17,19 @@ _TIMEOUT_S = 3600.0
 """Timeout of an installation step, and of loading everything [s]."""
 _READY = "installed"
 Report = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of an export.
+
+    Attributes:
+        columns: the exported numbers.
+        write: options of the format's own.
+    """
+
+    columns: ExportColumns = field(default_factory=ExportColumns)
+    write: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -37,7 +51,7 @@ class Loader:
     without_dependencies: tuple[str, ...]
     packages: tuple[str, ...]
     module: str
-    exports: dict[str, dict[str, Any]]
+    exports: dict[str, ExportOptions]
 
     @property
     def form(self) -> str:
@@ -52,7 +66,11 @@ _LEROBOT = (
     *("imageio>=2.34,<3", "jsonlines>=4,<5", "packaging>=24", "pandas>=2.2,<4", "pillow>=11"),
     *("pyarrow>=21,<27", "pyserial>=3.5,<4", "safetensors>=0.4,<1", "termcolor>=2.4", "tqdm"),
 )
-_EMBEDDED = {"pictures embedded": {"video": False}}
+FEW = ExportColumns(parts=("feet", "hands", "grippers", "controller"), gait="held")
+_EMBEDDED = {
+    "pictures embedded": ExportOptions(write={"video": False}),
+    "31 numbers, gait held": ExportOptions(FEW, {"video": False}),
+}
 LOADERS = (
     Loader(
         name="robomimic-0.3",
@@ -65,8 +83,14 @@ LOADERS = (
         ),
         module="verification.loaders.robomimic_check",
         exports={
-            "as collected": {},
-            "scaled, compressed": {"scale_actions": True, "compress": True},
+            "scaled": ExportOptions(),
+            "as collected, compressed": ExportOptions(
+                write={"scale_actions": False, "compress": True}
+            ),
+            "few numbers, gait by column, next observations": ExportOptions(
+                ExportColumns(parts=("hands", "grippers"), gait="held-one-hot"),
+                {"next_obs": True},
+            ),
         },
     ),
     Loader(
@@ -90,7 +114,7 @@ LOADERS = (
             *("av>=15,<16", "datasets>=4.8,<5", "draccus>=0.11.6,<0.12", "huggingface_hub>=1.6,<2"),
         ),
         module="verification.loaders.lerobot_check",
-        exports={"video": {"video": True}, **_EMBEDDED},
+        exports={"video": ExportOptions(write={"video": True}), **_EMBEDDED},
     ),
 )
 

@@ -5,6 +5,7 @@ python -m verification.loaders.robomimic_check EXPORT.hdf5 DATASET [DATASET ...]
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,9 @@ from verification.loaders.collected import (
     MismatchError,
     check_equal,
     collected_episodes,
+    held_gaits,
 )
+from verification.loaders.robomimic_scripts import run_scripts
 from verification.loaders.torchvision_shim import declare_torchvision_operators
 
 SEQUENCE = 10
@@ -33,7 +36,7 @@ def expected_observations(episode: CollectedEpisode) -> dict[str, Any]:
         key = f"robot0_{limb.replace('hand', 'eef')}"
         at = [names.index(f"{limb}.{part}") for part in ("x", "y", "z")]
         turn = [names.index(f"{limb}.{part}") for part in ("qw", "qx", "qy", "qz")]
-        found |= {f"{key}_pos": poses[:, at], f"{key}_quat": poses[:, turn]}
+        found |= {f"{key}_pos": poses[:, at], f"{key}_quat_wxyz": poses[:, turn]}
     joints = episode.array("observation/joint_sin_cos")
     found["robot0_joint_pos_sin"], found["robot0_joint_pos_cos"] = joints[:, :27], joints[:, 27:]
     found["robot0_joint_vel"] = episode.array("observation/joint_velocity")
@@ -44,10 +47,20 @@ def expected_observations(episode: CollectedEpisode) -> dict[str, Any]:
     return found
 
 
-def expected_actions(episode: CollectedEpisode) -> Any:
-    """Return the actions (frames, columns) that robomimic should load."""
-    parts = ("hands", "grasp", "locomotion", "neck")
-    return np.concatenate([episode.array(f"action/{part}") for part in parts], axis=1)
+def expected_actions(episode: CollectedEpisode, names: Sequence[str] = ()) -> Any:
+    """Return the actions (frames, columns) that robomimic should load.
+
+    Args:
+        episode: the collected episode.
+        names: of the columns in the export; columns ``gait.*`` stand for the gait that is held.
+    """
+    gait = episode.array("action/locomotion")
+    columns = [name for name in names if name.startswith("gait.")]
+    if columns:
+        held = held_gaits(gait[:, 0], episode.array("observation/control_state")[:, 0])
+        gait = np.stack([held == number for number in range(len(columns))], axis=1)
+    hands, grasp, neck = (episode.array(f"action/{part}") for part in ("hands", "grasp", "neck"))
+    return np.concatenate([hands, grasp, gait.astype(np.float32), neck], axis=1)
 
 
 def picture_keys(export: Path) -> dict[str, str]:
@@ -57,8 +70,10 @@ def picture_keys(export: Path) -> dict[str, str]:
         return {eye: key for eye, key in keys.items() if key in file["data/demo_0/obs"]}
 
 
-def loader(export: Path, low: Sequence[str], rgb: Sequence[str], **options: Any) -> Any:
-    """Open the export as a robomimic data set."""
+def loader(
+    export: Path, low: Sequence[str], rgb: Sequence[str], *, later: bool = False, **options: Any
+) -> Any:
+    """Open the export as a robomimic data set; ``later``: with the observations after actions."""
     from robomimic.utils import obs_utils
     from robomimic.utils.dataset import SequenceDataset
 
@@ -68,7 +83,7 @@ def loader(export: Path, low: Sequence[str], rgb: Sequence[str], **options: Any)
         hdf5_path=str(export),
         obs_keys=[*low, *rgb],
         dataset_keys=["actions", "rewards", "dones"],
-        load_next_obs=False,
+        load_next_obs=later,
         **options,
     )
 
@@ -81,14 +96,16 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
     """
     declare_torchvision_operators()
     rgb = picture_keys(export)
-    low: list[str] = []
-    for episode in collected_episodes(roots):
-        low = sorted(expected_observations(episode))
-        break
-    data = loader(export, low, list(rgb.values()), seq_length=1)
+    with h5py.File(export, "r") as file:
+        low = sorted(set(file["data/demo_0/obs"]) - set(rgb.values()))
+        later = "next_obs" in file["data/demo_0"]
+    data = loader(export, low, list(rgb.values()), later=later, seq_length=1)
     report = {"frames": len(data), **_compare(export, data, roots, rgb)}
+    if later:
+        report |= _compare_later(data, roots, low)
     report |= _split(export, low)
     if train:
+        report |= run_scripts(export, later=later, scaled=_about_actions(export)[0] is not None)
         report["loss, low-dimensional BC-RNN"] = _train(export, low, [])
         if rgb:
             report["loss, BC-RNN with pictures"] = _train(export, low, list(rgb.values()), 2, 2)
@@ -96,17 +113,18 @@ def check(export: Path, roots: Sequence[Path], *, train: bool = True) -> dict[st
 
 
 def _compare(export: Path, data: Any, roots: Sequence[Path], rgb: dict[str, str]) -> dict[str, Any]:
-    scale, offset = _scaling(export)
+    scale, offset, names = _about_actions(export)
     numbers, pictures, place = 0, 0, 0
     for episode in collected_episodes(roots):
-        seen, actions = expected_observations(episode), expected_actions(episode)
+        seen, actions = expected_observations(episode), expected_actions(episode, names)
         if scale is not None:
             # Scaled in single precision, as the exporter does.
             actions = ((actions - offset) / scale).clip(-1.0, 1.0)
         for frame in range(episode.frames):
             item = data[place]
-            for key, values in seen.items():
-                numbers += check_equal(f"{key}, frame {place}", item["obs"][key][0], values[frame])
+            for key in item["obs"].keys() - rgb.values():
+                got, expected = item["obs"][key][0], seen[key][frame]
+                numbers += check_equal(f"{key}, frame {place}", got, expected)
             numbers += check_equal(f"actions, frame {place}", item["actions"][0], actions[frame])
             last = frame == episode.frames - 1
             for key in ("rewards", "dones"):
@@ -121,10 +139,27 @@ def _compare(export: Path, data: Any, roots: Sequence[Path], rgb: dict[str, str]
     return {"numbers equal": numbers, "pictures equal": pictures}
 
 
-def _scaling(export: Path) -> tuple[Any, Any]:
+def _compare_later(data: Any, roots: Sequence[Path], low: Sequence[str]) -> dict[str, Any]:
+    """Compare the observations after each action; after the last one of a file it stays."""
+    numbers, place = 0, 0
+    for episode in collected_episodes(roots):
+        whole = expected_observations(replace(episode, frames=episode.meta["frames"]))
+        for frame in range(episode.frames):
+            after = min(frame + 1, episode.meta["frames"] - 1)
+            item = data[place]["next_obs"]
+            for key in low:
+                what = f"next {key}, frame {place}"
+                numbers += check_equal(what, item[key][0], whole[key][after])
+            place += 1
+    return {"numbers of next observations equal": numbers}
+
+
+def _about_actions(export: Path) -> tuple[Any, Any, list[str]]:
+    """Return scale and offset of the actions, if they are scaled, and their names."""
     with h5py.File(export, "r") as file:
         about = file["data"].attrs
-        return about.get("action_scale"), about.get("action_offset")
+        names = [str(name) for name in about["action_names"]]
+        return about.get("action_scale"), about.get("action_offset"), names
 
 
 def _split(export: Path, low: Sequence[str]) -> dict[str, Any]:

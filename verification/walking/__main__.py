@@ -2,13 +2,16 @@
 
 import argparse
 import json
-import logging
 import sys
-import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
+from functools import partial
+from math import inf
 from pathlib import Path
 
-from verification.walking.checks import Check, all_checks
+from common.program import run_program
+from lab.trials.campaign import run_campaign
+from lab.trials.workers import LocalExecutor
+from verification.walking.checks import Check, all_checks, measured
 from verification.walking.measures import Numbers
 
 
@@ -26,13 +29,6 @@ def _parse(argv: list[str] | None) -> argparse.Namespace:
     return parser.parse_args(argv)
 
 
-def _measure(check: Check) -> tuple[Numbers, float]:
-    # The checks stop services on purpose; their warnings are no news.
-    logging.disable(logging.WARNING)
-    start = time.perf_counter()
-    return check.measure(), time.perf_counter() - start
-
-
 def main(argv: list[str] | None = None) -> int:
     """Run the selected checks; return 1 if any promise is broken."""
     arguments = _parse(argv)
@@ -44,18 +40,27 @@ def main(argv: list[str] | None = None) -> int:
     if not checks:
         print(f"no check matches {arguments.only!r}; leave --only away to see all names")
         return 2
+    return run_program("walking", lambda: run(checks, arguments), "stopped; nothing was written")
+
+
+def run(checks: Sequence[Check], arguments: argparse.Namespace) -> int:
+    """Run the checks, print their figures and write the file; return 1 if a promise is broken."""
     rows: dict[int, dict[str, object]] = {}
     print(f"{len(checks)} checks, {arguments.jobs} at a time", flush=True)
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        futures = {pool.submit(_measure, check): index for index, check in enumerate(checks)}
-        for future in as_completed(futures):
-            check, (numbers, seconds) = checks[futures[future]], future.result()
-            kept, text = check.keeps(numbers), check.describe(numbers)
-            head = {"group": check.group, "check": check.name, "passed": kept, "text": text}
-            rows[futures[future]] = {**head, **numbers}
-            counter, mark = f"[{len(rows)}/{len(checks)}]", "ok  " if kept else "FAIL"
-            print(f"{counter:>8} {mark} {check.group}: {check.name}: {text} ({seconds:.0f} s)",
-                  flush=True)  # fmt: skip
+
+    def show(index: int, result: tuple[Numbers, float]) -> None:
+        check, (numbers, seconds) = checks[index], result
+        kept, text = check.keeps(numbers), check.describe(numbers)
+        head = {"group": check.group, "check": check.name, "passed": kept, "text": text}
+        rows[index] = {**head, **numbers}
+        counter, mark = f"[{len(rows)}/{len(checks)}]", "ok  " if kept else "FAIL"
+        print(
+            f"{counter:>8} {mark} {check.group}: {check.name}: {text} ({seconds:.0f} s)", flush=True
+        )
+
+    # Checks show no sign of life meanwhile, and some take many minutes.
+    workers = LocalExecutor(arguments.jobs, silence=inf, patience=inf)
+    run_campaign(range(len(checks)), partial(measured, checks), workers, on_result=show)
     arguments.out.parent.mkdir(parents=True, exist_ok=True)
     text = json.dumps([rows[i] for i in sorted(rows)], indent=1, ensure_ascii=False)
     arguments.out.write_text(text + "\n", encoding="utf-8")

@@ -130,10 +130,27 @@ def silence(scenario: Scenario, at: float, length: float, restart: bool = False)
     return {"fell": float(stack.fallen), "held": float(held), "joint_step_rad": step}
 
 
-def silences(scenario: Scenario, times: Sequence[float], length: float, restart: bool) -> Numbers:
-    """Stop the controller at each of ``times``, once a run."""
-    fallen = [f"{at:.2f} s" for at in times if silence(scenario, at, length, restart)["fell"]]
-    return {"moments": len(times), "falls": len(fallen), "fell_at": ", ".join(fallen)}
+def silences(
+    scenarios: Sequence[Scenario], moments: Sequence[float], length: float, restart: bool
+) -> Numbers:
+    """Stop the controller at each moment of each scenario's only gait, once a run.
+
+    Args:
+        scenarios: conditions of the runs.
+        moments: shares of the gait's duration, which begins at :data:`BALANCE_TIME`.
+        length: time for which the controller is silent [s].
+        restart: a new controller takes its place.
+    """
+    fallen, held = [], 0.0
+    for scenario in scenarios:
+        for moment in moments:
+            at = BALANCE_TIME + moment * scenario.wbc().gait.duration
+            numbers = silence(scenario, at, length, restart)
+            held += float(numbers["held"])
+            if numbers["fell"]:
+                fallen.append(f"{scenario.gaits[0].name} {at:.2f} s seed {scenario.seed}")
+    runs = len(scenarios) * len(moments)
+    return {"runs": runs, "held": held, "falls": len(fallen), "fell_at": ", ".join(fallen)}
 
 
 def tracking(scenario: Scenario, axis: int) -> Numbers:

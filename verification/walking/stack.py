@@ -11,9 +11,18 @@ from common.robot import frames
 from common.robot.rotations import wrap_angle, yaw_from_matrix
 from common.runtime.service import Inputs, Output, Service
 from common.runtime.simulated.runner import SimTimeRunner
-from common.schemas import ControlState, Gait, GaitOutcome, GaitRequest, Header, Setpoint
+from common.schemas import (
+    ControlState,
+    Gait,
+    GaitOutcome,
+    GaitRequest,
+    Header,
+    OperatorClaim,
+    OperatorKind,
+    Setpoint,
+)
 from common.schemas.arrays import Float64Array as Array
-from common.topics import TELEOP_GAIT, TELEOP_SETPOINT, WBC_REPLY, WBC_STATE
+from common.topics import TELEOP_CLAIM, TELEOP_GAIT, TELEOP_SETPOINT, WBC_REPLY, WBC_STATE
 from services.sim.config import TYPICAL_NOISE, NoiseConfig, SimConfig
 from services.sim.service import PlantService
 from services.wbc.config import HandConfig, WbcConfig, wbc_config
@@ -71,13 +80,14 @@ class WalkingOperator(Service):
     """Request the next gait in the step that finds the robot balancing; move the hands at 20 Hz.
 
     Unlike the scripted operator it publishes no set-points without a hand motion, limits and
-    retries nothing, and goes on after an aborted gait, so that the controller alone is measured.
+    retries nothing, and goes on after an aborted gait, so that the controller alone is measured. It
+    is the only operator and claims to have the robot from the start, so that no controller waits.
     """
 
     name = "teleop"
     period_ns = 50_000_000
     reads = (WBC_STATE, WBC_REPLY)
-    writes = (TELEOP_SETPOINT, TELEOP_GAIT)
+    writes = (TELEOP_CLAIM, TELEOP_SETPOINT, TELEOP_GAIT)
 
     def __init__(
         self,
@@ -102,7 +112,8 @@ class WalkingOperator(Service):
         for reply in inputs.events(WBC_REPLY):
             self.completed += reply.outcome is GaitOutcome.COMPLETED
             self._waiting = self._waiting and reply.outcome is GaitOutcome.ACCEPTED
-        outputs: list[Output] = []
+        claim = OperatorClaim(kind=OperatorKind.SCRIPT, wants=True, act=1, holding=True)
+        outputs = [Output(TELEOP_CLAIM, claim)]
         state = inputs.latest(WBC_STATE)
         balancing = state is not None and state.state is ControlState.BALANCE
         if balancing and not self._waiting and not self.done:

@@ -22,7 +22,8 @@ class RuntimeConfig(BaseModel):
     seed: int = Field(default=0, ge=0, description="of links without their own")
     max_age: dict[str, Annotated[float, Field(gt=0.0)]] = Field(
         default_factory=dict,
-        description="by topic: largest age on arrival that is applied [s], instead of the table's",
+        description="by topic, instead of the table's: largest age on arrival that is applied, and "
+        "silence after which the topic is stale and the hands hold [s]",
     )
 
     @field_validator("max_age")

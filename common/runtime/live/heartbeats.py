@@ -18,7 +18,7 @@ from common.runtime.live.clock_sync import ClockSync
 from common.runtime.live.components import NEVER, Component, RunnerContext
 from common.schemas import Heartbeat, PeerHealth
 from common.topics import HEARTBEAT
-from common.transport.keys import key_of
+from common.transport.keys import is_wildcard, key_of
 from common.transport.session import tag_of
 from common.wire.codec import decode
 
@@ -119,12 +119,12 @@ class Heartbeats(Component):
         self._lead_ns = period_ns if period_ns <= _PERIOD_NS // 2 else 0
         self._peers: dict[str, _Peer] = {}
         self._context: RunnerContext | None = None
-        self._send_due = self._check_due = 0
+        self._send_due = self._check_due = self._opened_ns = 0
         self._polled_ns = 0
 
     def open(self, context: RunnerContext) -> None:
-        """Remember where to send."""
-        self._context = context
+        """Remember where to send, and since when."""
+        self._context, self._opened_ns = context, time.monotonic_ns()
 
     def poll(self, now_ns: int) -> None:
         """Send a heartbeat and check the peers, if it is time."""
@@ -150,7 +150,8 @@ class Heartbeats(Component):
     def _send(self, now_ns: int) -> None:
         self._send_due = max(self._send_due, now_ns - self._lead_ns) + _PERIOD_NS
         if self._context is not None:
-            message = Heartbeat(steps=self._steps(), timeout=self._timeout_s)
+            uptime = 1e-9 * max(0, now_ns - self._opened_ns)
+            message = Heartbeat(steps=self._steps(), timeout=self._timeout_s, uptime=uptime)
             self._context.send(HEARTBEAT, message)
 
     def _watch_new_sources(self) -> None:
@@ -203,6 +204,8 @@ def _receiver(peer: _Peer) -> Callable[[Any], None]:
     clock = time.monotonic_ns
 
     def receive(sample: Any) -> None:
+        if is_wildcard(str(sample.key_expr)):
+            return
         peer.newest = (clock(), sample.payload.to_bytes(), sample.encoding)
 
     return receive

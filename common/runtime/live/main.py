@@ -32,7 +32,8 @@ from common.transport.config import BusConfig, bus_config, read_config_file
 from common.transport.options import add_bus_options
 
 ServiceFactory = Callable[[argparse.Namespace], Service]
-"""Builds a service from its parsed arguments (``arguments.settings``: its table in the file)."""
+"""Builds a service from its parsed arguments: its options, ``settings`` (its table in the file) and
+``max_age`` (by topic, the largest ages [s] that rule instead of the table's)."""
 
 
 class OptionFormatter(argparse.ArgumentDefaultsHelpFormatter):
@@ -161,6 +162,7 @@ def run_live(
     arguments = parser.parse_args(argv)
     try:
         bus, links, runtime, arguments.settings = load_settings(arguments, name)
+        arguments.max_age = runtime.max_age
         # Before anything starts threads, so that the transport's threads inherit it.
         realtime = enter_realtime(runtime.rt_priority)
         service = service_factory(arguments)

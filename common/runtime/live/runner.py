@@ -6,15 +6,18 @@ import threading
 import time
 from typing import Any
 
-from common.inbox.buffer import InboxContext
+from common.errors import EXIT_NAME_TAKEN
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
 from common.journal.journal import Journal
 from common.links.config import Links
+from common.ports import Role, with_role
 from common.runtime.live.clock_sync import ClockSync
 from common.runtime.live.components import ComponentSet, RunnerContext
 from common.runtime.live.config import RuntimeConfig
 from common.runtime.live.heartbeats import Heartbeats
+from common.runtime.live.identity import Identity
 from common.runtime.live.journal_publisher import JournalPublisher
 from common.runtime.live.link_server import LinkServer
 from common.runtime.live.loop_stats import LoopStats
@@ -34,6 +37,8 @@ _LONGEST_SLEEP_S = 0.1
 """A signal is handled within this time."""
 _HEALTH_PERIOD_NS = 500_000_000
 _COLLECT_PERIOD_NS = 1_000_000_000
+_LISTENING_S = 0.3
+"""A plant listens this long for another one before it publishes anything."""
 
 
 class LiveRunner:
@@ -67,8 +72,12 @@ class LiveRunner:
         self._journal = Journal(service.name, service.settings)
         self._stats = LoopStats(service.name, service.period_ns, realtime)
         clocks = ClockSync()
+        self._identity = Identity(
+            service.name, exclusive=any(topic.exclusive for topic in service.writes), stop=self.stop
+        )
         self._components = ComponentSet(
             (
+                self._identity,
                 JournalPublisher(self._journal),
                 clocks,
                 Heartbeats(
@@ -105,7 +114,7 @@ class LiveRunner:
 
         Returns:
             exit code: 0 when stopped, the service's own if it set one, 1 after an error (logged
-            with its traceback).
+            with its traceback), :data:`~common.errors.EXIT_NAME_TAKEN` if another is running.
         """
         if threading.current_thread() is threading.main_thread():
             self._stop.install()
@@ -128,8 +137,13 @@ class LiveRunner:
                 _log.info("%s: input %s has a link of %s", self._service.name, topic.name, spec)
         try:
             self._open_topics(session)
+            if self._service.name in with_role(Role.PLANT):
+                self._identity.listen(_LISTENING_S)
             self._loop()
             code = self._service.exit_code or 0
+            if self._identity.refusal:
+                _log.error("%s", self._identity.refusal)
+                code = EXIT_NAME_TAKEN
         except Exception:  # noqa: BLE001 - whatever a service raises ends its process
             _log.exception("%s failed", self._service.name)
             code = 1

@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from common.errors import TrillError
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.journal.journal import PERIOD_NS as JOURNAL_PERIOD_NS
 from common.journal.journal import Journal

@@ -11,7 +11,7 @@ import numpy as np
 from common.episodes.columns import CAMERAS, COLUMNS, Column
 from common.episodes.episode_file import PERIOD_NS, Episode, open_episode
 from common.episodes.errors import EpisodeError
-from common.episodes.folder import DAMAGED, IndexLine
+from common.episodes.folder import IndexLine
 from common.errors import TrillError
 from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.episode import make_episode
@@ -45,8 +45,6 @@ def check(store: DatasetStore, on_file: Callable[[], None] = lambda: None) -> li
                 problems.append("made with other settings than those in dataset.json")
         except TrillError as error:
             problems = [str(error)]
-        except DAMAGED as error:
-            problems = [f"damaged: {error}"]
         found += [f"{name}: {problem}" for problem in problems]
         on_file()
     seeds = Counter(line.meta.seed for line in lines.values())
@@ -105,7 +103,7 @@ def _check_episode(path: Path) -> Iterator[str]:
 def _read_array(episode: Episode, column: Column) -> tuple[str, Any]:
     try:
         values = episode.array(column.path)
-    except (KeyError, OSError) as error:
+    except EpisodeError as error:
         return f"{column.path} cannot be read: {error}", None
     frames = episode.meta.frames
     right = values.shape[0] == frames and (column.varies or values.shape[1:] == column.shape)
@@ -164,8 +162,8 @@ def _check_pictures(episode: Episode) -> Iterator[str]:
         for frame in range(episode.meta.frames):
             try:
                 picture = episode.picture(camera, frame)
-            except (EpisodeError, KeyError, OSError, ValueError) as error:
-                yield f"{camera} camera, frame {frame}: no picture ({str(error)[:80]})"
+            except EpisodeError as error:
+                yield f"{camera} camera, frame {frame}: no picture ({error})"
                 break
             if picture.shape[1::-1] != size or picture.shape[2] != 3:
                 yield f"{camera} camera, frame {frame}: a picture of {picture.shape[1::-1]}"
@@ -195,6 +193,12 @@ def remake(store: DatasetStore, seed: int) -> str:
     changes = code[0].differences(code[1])
     if changes:
         return f"{name}: other bytes, by other code. There | here: {'; '.join(changes)}"
+    if before.meta.machine != meta.machine:
+        return (
+            f"{name}: other bytes on another kind of processor, where the last digits differ; make "
+            f"it again on one like there. There | here: {before.meta.machine or 'unknown'} | "
+            f"{meta.machine}"
+        )
     first, second = (json.loads(m.model_dump_json()) for m in (before.meta, meta))
     fields = [f"{k}: {first[k]} | {second[k]}" for k in first if first[k] != second[k]]
     return f"{name}: other bytes by the same code. There | here: {'; '.join(fields) or 'frames'}"

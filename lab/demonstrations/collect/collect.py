@@ -102,7 +102,7 @@ def collect(
     """
     code = code or collecting_code()
     check_room(store.root, needed(config, (), 0 if store.files() else wanted))
-    with store.writing(config, code, accept_changes, first_seed) as begin:
+    with store.writing(config, code, accept_changes, first_seed, wanted) as begin:
         lines = store.scan()
         progress = CollectionProgress(wanted, {line.meta.seed: line for line in lines}, len(lines))
         # The index of a run that was killed may lack lines, or have a torn one.

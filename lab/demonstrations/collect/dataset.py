@@ -20,6 +20,7 @@ class DatasetFile(BaseModel):
         config: settings of every episode.
         code: versions of the code that made episodes, in order.
         first_seed: seed of the first trial.
+        wanted: number of successes that the last run was to reach; 0: unknown.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -27,6 +28,7 @@ class DatasetFile(BaseModel):
     config: EpisodeConfig
     code: tuple[CodeVersion, ...] = Field(min_length=1)
     first_seed: int = Field(ge=0)
+    wanted: int = Field(default=0, ge=0)
 
     def continued(
         self, root: Path, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None

@@ -64,7 +64,7 @@ def make_episode(config: EpisodeConfig, seed: int, stop: Stop | None = None) -> 
         if config.pictures is not None:
             pictures = render(config.task, config.pictures, recorder.scenes, stop)
         rendering = perf_counter() - before
-        content = to_bytes(meta, recorder.rows, pictures)
+        content = to_bytes(meta, recorder.rows, pictures, recorder.names)
     return EpisodeResult(meta, content, result.simulated, perf_counter() - began, rendering)
 
 
@@ -89,6 +89,7 @@ def _meta(config: EpisodeConfig, recorder: EpisodeRecorder, result: TrialResult)
         origin=config.origin(),
         versions=code.versions,
         source=code.source,
+        machine=code.machine,
     )
 
 

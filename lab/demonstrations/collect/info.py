@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -10,7 +9,7 @@ from rich.table import Table
 from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import Episode, Image, open_episode
 from common.episodes.errors import EpisodeError
-from common.episodes.folder import DAMAGED, IndexLine
+from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.config import EpisodeConfig
 from lab.demonstrations.collect.progress import failures
 from lab.demonstrations.collect.space import size
@@ -99,7 +98,7 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
     """Write the sheet of the episode with ``seed`` (None: the first); returns its seed.
 
     Raises:
-        EpisodeError: there is no such episode, or it has no pictures, or is damaged.
+        EpisodeError: there is no such episode, or it has no pictures, or cannot be read.
         LabError: the file cannot be written.
     """
     kept = {line.meta.seed: line for line in DatasetStore(root).index() if line.kept}
@@ -111,13 +110,7 @@ def write_sheet(root: Path, seed: int | None, path: Path) -> int:
             else f"{root} has no episodes yet"
         )
     file = root / kept[chosen].file
-    try:
-        with open_episode(file) as episode:
-            picture = sheet(episode)
-    except (*DAMAGED, cv2.error) as error:
-        raise EpisodeError(
-            f"cannot read {file}, it is damaged: {str(error).partition(chr(10))[0]}; trill collect "
-            "--check shows more"
-        ) from error
+    with open_episode(file) as episode:
+        picture = sheet(episode)
     write_picture(path, picture)
     return chosen

@@ -5,6 +5,8 @@ that moment; ``time/seen_ns`` is the time of what the operator itself had seen, 
 makes older.
 """
 
+from collections.abc import Mapping, Sequence
+
 from common.episodes.columns import Rows
 from common.episodes.observation import action, observation, times, truth
 from common.schemas import (
@@ -18,6 +20,7 @@ from common.schemas import (
 )
 from common.topics import PLANT_STATE, TASK_STATUS, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
 from lab.trials.stack import TaskStack
+from services.sim.model.world import scene_names
 
 
 class EpisodeRecorder:
@@ -25,6 +28,7 @@ class EpisodeRecorder:
 
     Attributes:
         rows: the frames so far.
+        names: names of the columns that depend on the scene, by path.
         scenes: states of robot and scene in each frame, to be rendered.
         verdict_frame: first frame after the judge's verdict; -1: there is none yet.
     """
@@ -34,7 +38,11 @@ class EpisodeRecorder:
         self.rows = Rows()
         self.scenes: list[tuple[PlantState, SceneState]] = []
         self.verdict_frame = -1
-        self._plant = stack.plant.plant
+        self._plant = plant = stack.plant.plant
+        self.names: Mapping[str, Sequence[str]] = {
+            "truth/scene_qpos": scene_names(plant.model, plant.addresses)
+        }
+        self._gait: GaitRequest | None = None
         self._state: PlantState | None = None
         self._controller: ControllerState | None = None
         runner = stack.runner
@@ -71,11 +79,18 @@ class EpisodeRecorder:
             seen=setpoint.header.stamp,
         )
         frame |= observation(state, controller) | action(setpoint) | truth(truth_state, scene)
+        if self._gait is not None:
+            frame["action/locomotion"], self._gait = int(self._gait.gait), None
         for path, value in frame.items():
             self.rows.rows[path].append(value)
 
     def _on_gait(self, request: GaitRequest) -> None:
-        # The request comes right after the set-point of the same sample.
-        gaits = self.rows.rows["action/locomotion"]
-        if gaits:
+        """Put a request into the frame of its sample's set-point, which may come before or after.
+
+        Both carry the time of what the operator saw.
+        """
+        gaits, seen = self.rows.rows["action/locomotion"], self.rows.rows["time/seen_ns"]
+        if seen and seen[-1] == request.header.stamp:
             gaits[-1] = int(request.gait)
+        else:
+            self._gait = request

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 from common.episodes.episode_file import EpisodeMeta, parse_meta
-from common.episodes.errors import EpisodeError
+from common.episodes.errors import EpisodeAccessError, EpisodeError
 from common.episodes.folder import (
     DATASET,
     EPISODES,
@@ -66,6 +66,7 @@ class DatasetStore:
         code: CodeVersion,
         accept: bool = False,
         seed: int | None = None,
+        wanted: int = 0,
     ) -> Iterator[int]:
         """Begin the data set, or continue it, as the only process that writes here.
 
@@ -74,6 +75,7 @@ class DatasetStore:
             code: the code that makes them.
             accept: whether to accept that other code made the episodes there.
             seed: seed of the first trial; None: as it was begun, 0 for a new data set.
+            wanted: number of successes that this run is to reach; an export compares with it.
 
         Returns:
             the seed of the first trial.
@@ -83,10 +85,10 @@ class DatasetStore:
             EpisodeError: another process writes here, or the folder cannot be written.
         """
         with self.locked():
-            yield self._begin(config, code, accept, seed)
+            yield self._begin(config, code, accept, seed, wanted)
 
     def _begin(
-        self, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None
+        self, config: EpisodeConfig, code: CodeVersion, accept: bool, seed: int | None, wanted: int
     ) -> int:
         known = read_dataset(self.root)
         if known is not None:
@@ -106,6 +108,7 @@ class DatasetStore:
                 for torn in place.glob(f"*{PART}"):
                     if torn.is_file():
                         torn.unlink()
+        file = file.model_copy(update={"wanted": wanted})
         if file != known:
             write_model(self.root / DATASET, file, EpisodeError)
         return file.first_seed
@@ -125,12 +128,13 @@ class DatasetStore:
         """Return a trial's index line from its file.
 
         Raises:
-            EpisodeError: the file is damaged, or its name is that of another trial.
+            EpisodeError: the file cannot be reached or is damaged, or its name is that of another
+                trial.
         """
         try:
             content = path.read_bytes()
         except OSError as error:
-            raise EpisodeError(f"cannot read {path}: {error.strerror}") from error
+            raise EpisodeAccessError(f"cannot read {path} now: {error.strerror}") from error
         if path.suffix == ".h5":
             meta = read_meta(path)
         else:
@@ -146,10 +150,13 @@ class DatasetStore:
             on_file: called after each file.
 
         Raises:
-            EpisodeError: files are damaged or of another data set, or there is no data set.
+            EpisodeError: files cannot be reached, are damaged or of another data set, or there is
+                no data set.
         """
         origin = self.config().origin()
-        lines, wrong = [], []
+        lines: list[IndexLine] = []
+        wrong: list[str] = []
+        unreachable: list[str] = []
         for path in self.files():
             try:
                 line = self.read(path)
@@ -158,9 +165,16 @@ class DatasetStore:
                         f"{path}: of another data set, here | there: {'; '.join(differences)}"
                     )
                 lines.append(line)
+            except EpisodeAccessError as error:
+                unreachable.append(str(error))
             except EpisodeError as error:
                 wrong.append(str(error))
             on_file()
+        if unreachable:
+            raise EpisodeAccessError(
+                "files that cannot be reached now; leave them where they are, mend this and give "
+                "the same command again:\n  " + "\n  ".join(unreachable)
+            )
         if wrong:
             raise EpisodeError(
                 "damaged or foreign files; move them away, and the same command makes these trials "

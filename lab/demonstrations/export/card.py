@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 
+from common.episodes.columns import AXES
 from common.episodes.episode_file import RATE
-from lab.demonstrations.export.fields import ACTION, STATE, ColumnRange
+from lab.demonstrations.export.fields import ColumnRange
 from lab.demonstrations.export.selection import ExportInput
 
 _OPERATORS = {
@@ -43,10 +44,12 @@ configs:
 {action}
 
 `meta/info.json` names each column. Numbers are as collected, in float32; nothing is scaled. The
-body frame is `torso_link` (x forward, y left, z up); quaternions are (w, x, y, z). Locomotion and
+body frame is {axes}; quaternions are (w, x, y, z). Locomotion and
 controller state are numbers of kinds, not quantities.
 
 A frame's action was given at that frame; its observation is the newest that the robot then had.
+`meta/trill.json` has the cameras' matrices and poses. `meta/modality.json` divides state and action
+for GR00T, which needs the data set in format v2 besides (its own script converts it).
 `age.*` says how old that was [s]: joints (`state`), controller state, stereo pair (`picture`), and
 what the operator acted on (`seen`), which a delayed link makes older. `next.success` is true in the
 frame whose action the judge called a success, and after it; `next.done` in the last.
@@ -65,13 +68,14 @@ def card(source: ExportInput) -> str:
         successes=sum(selected.meta.success for selected in episodes),
         frames=source.frames,
         rate=RATE,
+        axes=AXES,
         operators=" ".join(
             f"**{count} of {len(episodes)} are by {_OPERATORS[operator]}**."
             for operator, count in source.operators.items()
         ),
         tasks="\n".join(f"| {t} | {source.goals[t]} | {seeds[t]} |" for t in source.tasks),
-        state=_rows(STATE),
-        action=_rows(ACTION),
+        state=_rows(source.columns.state),
+        action=_rows(source.columns.action),
     )
 
 

@@ -6,7 +6,8 @@
     meta/stats.json                         statistics by which training code normalises
     meta/tasks.parquet                      goals as sentences
     meta/episodes/chunk-000/file-000.parquet    where each episode is; seed, verdict, statistics
-    meta/trill.json                         how the episodes were made
+    meta/modality.json                      parts of state and action, for GR00T
+    meta/trill.json                         how the episodes were made; the cameras
     data/chunk-000/file-000.parquet         a row for each frame
     videos/observation.images.left/chunk-000/file-000.mp4    and right
 """
@@ -24,11 +25,17 @@ from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE, Episode
 from lab.demonstrations.export import lerobot_layout as layout
 from lab.demonstrations.export.card import card
-from lab.demonstrations.export.fields import ACTION, STATE, read_columns
+from lab.demonstrations.export.fields import read_columns
 from lab.demonstrations.export.lerobot_tables import DataTables
 from lab.demonstrations.export.selection import ExportInput, SelectedEpisode, open_selected
 from lab.demonstrations.export.staging import staged
-from lab.demonstrations.export.stats import PICTURE_STRIDE, PictureStats, Stats, column_stats
+from lab.demonstrations.export.stats import (
+    PICTURE_STRIDE,
+    PictureStats,
+    Stats,
+    column_stats,
+    rare_columns,
+)
 from lab.demonstrations.export.video import VideoFiles, VideoSegment
 from lab.errors import DatasetError
 
@@ -49,6 +56,11 @@ def is_lerobot(path: Path) -> bool:
     return ours and (path / _MADE_FROM).is_file()
 
 
+def how_to_use(out: Path) -> str:
+    """Return a line that says how to load the export."""
+    return f"to load it: LeRobotDataset({f'trill/{out.name}'!r}, root={str(out)!r})"
+
+
 def write(
     source: ExportInput,
     out: Path,
@@ -57,8 +69,8 @@ def write(
     video: bool = True,
     crf: int = CRF,
     on_episode: Callable[[], None] = lambda: None,
-) -> None:
-    """Write the directory, whole or not at all.
+) -> list[str]:
+    """Write the directory, whole or not at all; return what the user should know of it.
 
     Args:
         source: the episodes.
@@ -81,14 +93,15 @@ def write(
                 folder = root / f"videos/{key}/chunk-000"
                 videos[camera] = VideoFiles(folder, source.size, RATE, crf=crf, limit=limit)
                 open_files.callback(videos[camera].close)
-        writer = _Writer(source, root, layout.features(source.size, video=video), videos)
+        features = layout.features(source.columns, source.size, video=video)
+        writer = _Writer(source, root, features, videos)
         open_files.callback(writer.tables.close)
         for selected in source.episodes:
             with open_selected(selected) as episode:
                 writer.add(selected, episode)
             on_episode()
         open_files.close()
-        writer.finish()
+        return writer.finish()
 
 
 class _Writer:
@@ -137,8 +150,8 @@ class _Writer:
         count = selected.frames
         frames, indices, reward = slice(0, count), np.arange(count), selected.rewards()
         return {
-            layout.STATE_KEY: read_columns(STATE, episode, frames),
-            layout.ACTION_KEY: read_columns(ACTION, episode, frames),
+            layout.STATE_KEY: read_columns(self._source.columns.state, episode, frames),
+            layout.ACTION_KEY: read_columns(self._source.columns.action, episode, frames),
             **{key: age.read(episode, frames)[:, 0] for key, age in layout.AGE_KEYS.items()},
             "next.reward": reward,
             "next.done": indices == count - 1,
@@ -198,23 +211,60 @@ class _Writer:
             row |= {f"stats/{key}/{name}": value for name, value in values.items()}
         return row
 
-    def finish(self) -> None:
-        """Write everything but the frames."""
-        stats = {
-            key: column_stats(self.tables.read(key))
-            for key, about in self._features.items()
-            if about["dtype"] not in {"video", "image"}
-        }
+    def finish(self) -> list[str]:
+        """Write everything but the frames; return what the user should know."""
+        columns = self._source.columns
+        stats, notes = {}, []
+        for key, about in self._features.items():
+            if about["dtype"] not in {"video", "image"}:
+                values = self.tables.read(key)
+                stats[key] = column_stats(values)
+                if key in {layout.STATE_KEY, layout.ACTION_KEY}:
+                    notes += _rare(key, about["names"], rare_columns(values))
         stats |= {layout.PICTURE_KEYS[c]: seen.stats() for c, seen in self._picture_stats.items()}
         info = layout.info(
             self._features, episodes=len(self._rows), frames=self._frames, tasks=len(self._goals)
         )
         layout.write_json(self._root / layout.INFO_PATH, info)
         layout.write_json(self._root / layout.STATS_PATH, stats)
+        modality = layout.modality(columns, self._source.size)
+        layout.write_json(self._root / layout.MODALITY_PATH, modality)
         layout.write_tasks(self._root / layout.TASKS_PATH, self._goals)
         layout.write_episodes(self._root, self._rows)
         # In a file beside info.json, because lerobot refuses keys there that it does not know.
         episodes = [selected.meta.model_dump(mode="json") for selected in self._source.episodes]
-        made_from = {"operators": self._source.operators, "episodes": episodes}
+        made_from = {
+            "operators": self._source.operators,
+            "state": columns.parts,
+            "gait": columns.gait,
+            "cameras": self._described_cameras(),
+            "episodes": episodes,
+        }
         layout.write_json(self._root / _MADE_FROM, made_from)
         (self._root / "README.md").write_text(card(self._source), encoding="utf-8")
+        return notes
+
+    def _described_cameras(self) -> list[dict[str, Any]]:
+        """Return the cameras for each size at which pictures were collected."""
+        if self._source.size is None:
+            return []
+        sizes = dict.fromkeys(selected.meta.picture_size for selected in self._source.episodes)
+        return [
+            {"collected_at": size, **_as_json(self._source.cameras(size))} for size in sizes if size
+        ]
+
+
+def _as_json(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _as_json(part) for key, part in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _rare(key: str, names: list[str], columns: list[int]) -> list[str]:
+    if not columns:
+        return []
+    return [
+        f"{key}: {', '.join(names[column] for column in columns)} "
+        "hardly ever changes, so q01 and q99 coincide; the statistics have min and max in their "
+        "place. For the gait, --gait held gives more to learn from"
+    ]

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import RATE
-from lab.demonstrations.export.fields import ACTION, AGES, ROBOT, STATE, column_names
+from lab.demonstrations.export.fields import AGES, ROBOT, ExportColumns, column_names, spans
 from lab.demonstrations.export.selection import Size
 from lab.demonstrations.export.video import CODEC, PIXEL_FORMAT
 
@@ -23,6 +23,7 @@ DATA_PATH = f"data/{FILE}.parquet"
 VIDEO_PATH = "videos/{video_key}/" + FILE + ".mp4"
 EPISODES_PATH = f"meta/episodes/{FILE}.parquet"
 INFO_PATH, STATS_PATH, TASKS_PATH = "meta/info.json", "meta/stats.json", "meta/tasks.parquet"
+MODALITY_PATH = "meta/modality.json"
 PICTURE_KEYS = {camera: f"observation.images.{camera}" for camera in CAMERAS}
 STATE_KEY, ACTION_KEY = "observation.state", "action"
 AGE_KEYS = {f"age.{age.names[0]}": age for age in AGES}
@@ -36,16 +37,19 @@ def _feature(dtype: str, names: Sequence[str] | None = None) -> dict[str, Any]:
     return {"dtype": dtype, "shape": shape, "names": list(names) if names else None}
 
 
-def features(size: Size | None, *, video: bool) -> dict[str, dict[str, Any]]:
+def features(
+    columns: ExportColumns, size: Size | None, *, video: bool
+) -> dict[str, dict[str, Any]]:
     """Return the description of each value of a frame, by key.
 
     Args:
+        columns: the chosen numbers.
         size: size of the pictures; None: there are none.
         video: whether pictures are mp4 files; otherwise they are inside the tables.
     """
     found = {
-        STATE_KEY: _feature("float32", column_names(STATE)),
-        ACTION_KEY: _feature("float32", column_names(ACTION)),
+        STATE_KEY: _feature("float32", column_names(columns.state)),
+        ACTION_KEY: _feature("float32", column_names(columns.action)),
     }
     if size is not None:
         found |= {key: _picture(*size, video=video) for key in PICTURE_KEYS.values()}
@@ -109,6 +113,22 @@ def info(described: Mapping[str, Any], *, episodes: int, frames: int, tasks: int
         "data_path": DATA_PATH,
         "video_path": VIDEO_PATH if video else None,
         "features": dict(described),
+    }
+
+
+def modality(columns: ExportColumns, size: Size | None) -> dict[str, Any]:
+    """Return the content of ``meta/modality.json``, by which GR00T divides state and action."""
+    parts = {"state": columns.state, "action": columns.action}
+    return {
+        name: {key: {"start": first, "end": end} for key, (first, end) in spans(ranges).items()}
+        for name, ranges in parts.items()
+    } | {
+        "video": {
+            camera: {"original_key": key}
+            for camera, key in PICTURE_KEYS.items()
+            if size is not None
+        },
+        "annotation": {"human.task_description": {"original_key": "task_index"}},
     }
 
 

@@ -3,18 +3,30 @@
 One episode is open and one picture decoded at a time, however large the data set is.
 """
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 
-from common.episodes.episode_file import PERIOD_NS, RATE, Episode, EpisodeMeta, Image, open_episode
-from common.episodes.errors import EpisodeError
-from common.episodes.folder import DAMAGED, EPISODES, is_dataset, read_meta, trial_files
+from common.episodes.episode_file import (
+    PERIOD_NS,
+    RATE,
+    Episode,
+    EpisodeMeta,
+    Image,
+    camera_attributes,
+    open_episode,
+)
+from common.episodes.errors import EpisodeDamagedError, EpisodeError
+from common.episodes.folder import DATASET, EPISODES, is_dataset, read_meta, trial_files
+from common.robot.cameras import stereo_pair
+from lab.demonstrations.export.fields import ExportColumns
 from lab.errors import DatasetError
 
 Size = tuple[int, int]
@@ -33,6 +45,7 @@ class EpisodeSelection:
         width: width of the pictures [pixels]; None: as collected, or in proportion to the height.
         height: height of the pictures [pixels]; None: as collected, or in proportion to the width.
         pictures: whether to export pictures.
+        columns: the exported numbers.
     """
 
     roots: tuple[Path, ...]
@@ -42,6 +55,7 @@ class EpisodeSelection:
     width: int | None = None
     height: int | None = None
     pictures: bool = True
+    columns: ExportColumns = field(default_factory=ExportColumns)
 
     def includes(self, meta: EpisodeMeta) -> bool:
         """Whether an episode with this metadata is exported."""
@@ -91,11 +105,15 @@ class ExportInput:
         episodes: in the order of the data sets, then of the seeds.
         size: size of the exported pictures; None: there are none.
         original: size of the pictures as collected; None: there are none, or several sizes.
+        columns: the exported numbers.
+        notes: what the user should know of the data sets.
     """
 
     episodes: tuple[SelectedEpisode, ...]
     size: Size | None
     original: Size | None
+    columns: ExportColumns
+    notes: tuple[str, ...] = ()
 
     @property
     def frames(self) -> int:
@@ -122,6 +140,13 @@ class ExportInput:
         """Whether pictures are exported at another size than collected."""
         return self.size != self.original
 
+    def cameras(self, collected: Size) -> dict[str, dict[str, Any]]:
+        """Return what describes the cameras of pictures that were ``collected`` at a size."""
+        return {
+            side: camera_attributes(camera, collected, self.size)
+            for side, camera in stereo_pair().items()
+        }
+
     def picture(self, episode: Episode, camera: str, frame: int) -> Image:
         """Return one picture (height, width, 3) RGB at the size of the export."""
         picture = episode.picture(camera, frame)
@@ -139,16 +164,21 @@ def select_episodes(selection: EpisodeSelection) -> ExportInput:
         EpisodeError: a data set cannot be read.
     """
     found: list[SelectedEpisode] = []
+    notes: list[str] = []
     for root in selection.roots:
         if not is_dataset(root):
             raise DatasetError(
                 f"no data set in {root}: expected a directory with dataset.json and {EPISODES}/, "
                 "as `trill collect` makes"
             )
-        for path in (path for path in trial_files(root) if path.suffix == ".h5"):
-            meta = read_meta(path)
-            if selection.includes(meta):
-                found.append(SelectedEpisode(path, meta, selection.frames(meta)))
+        paths = [path for path in trial_files(root) if path.suffix == ".h5"]
+        metas = [read_meta(path) for path in paths]
+        found += [
+            SelectedEpisode(path, meta, selection.frames(meta))
+            for path, meta in zip(paths, metas, strict=True)
+            if selection.includes(meta)
+        ]
+        notes += _unfinished(root, sum(meta.success for meta in metas))
     if not found:
         raise DatasetError(_nothing(selection))
     _check_different(found)
@@ -157,7 +187,24 @@ def select_episodes(selection: EpisodeSelection) -> ExportInput:
         tuple(found),
         _export_size(selection, sizes) if selection.pictures else None,
         next(iter(sizes)) if len(sizes) == 1 else None,
+        selection.columns,
+        tuple(notes),
     )
+
+
+def _unfinished(root: Path, successes: int) -> list[str]:
+    """Return a note if a data set has fewer successes than its last run was to reach."""
+    try:
+        # Not its model: that needs the simulator's packages, which an export does not.
+        wanted = json.loads((root / DATASET).read_bytes()).get("wanted", 0)
+    except (OSError, ValueError, AttributeError) as error:
+        raise EpisodeError(f"{root / DATASET} cannot be read: {error}") from error
+    if not isinstance(wanted, int) or successes >= wanted:
+        return []
+    return [
+        f"{root} is not finished: {successes} of {wanted} successes; trill collect goes on, and "
+        "this export has only what is there"
+    ]
 
 
 def _check_different(episodes: Sequence[SelectedEpisode]) -> None:
@@ -207,30 +254,27 @@ def open_selected(selected: SelectedEpisode) -> Iterator[Episode]:
     """Open an episode for export, after a check that its frames are evenly spaced.
 
     Raises:
-        DatasetError: they are not, or the episode cannot be read to its end or written.
-        EpisodeError: the episode cannot be opened.
+        DatasetError: they are not, or the file is damaged.
+        EpisodeError: the file cannot be reached.
     """
-    with open_episode(selected.path) as episode:
-        try:
-            stamps = episode.array("time/robot_ns", slice(0, selected.frames))
-        except DAMAGED as error:
-            raise _unreadable(selected, error) from error
-        offsets = stamps - (stamps[0] + PERIOD_NS * np.arange(len(stamps)))
-        worst = int(np.argmax(np.abs(offsets)))
-        if abs(int(offsets[worst])) > round(selected.meta.frame_tolerance * 1e9):
-            raise DatasetError(
-                f"{selected.path}: expected a frame every {1000 / RATE:g} ms, but frame {worst} is "
-                f"{offsets[worst] * 1e-6:+.1f} ms off; both formats require evenly spaced frames, "
-                "so this episode cannot be exported"
-            )
-        try:
+    try:
+        with open_episode(selected.path) as episode:
+            _check_spacing(selected, episode)
             yield episode
-        except (EpisodeError, KeyError, OSError) as error:
-            raise _unreadable(selected, error) from error
+    except EpisodeDamagedError as error:
+        raise DatasetError(
+            f"{selected.path} cannot be exported: {error}; check the data set with trill collect "
+            "--check: if the file is damaged, move it away, and trill collect makes it again"
+        ) from error
 
 
-def _unreadable(selected: SelectedEpisode, error: Exception) -> DatasetError:
-    return DatasetError(
-        f"{selected.path} cannot be exported: {error}; check the data set with trill collect "
-        "--check: if the file is damaged, move it away, and trill collect makes it again"
-    )
+def _check_spacing(selected: SelectedEpisode, episode: Episode) -> None:
+    stamps = episode.array("time/robot_ns", slice(0, selected.frames))
+    offsets = stamps - (stamps[0] + PERIOD_NS * np.arange(len(stamps)))
+    worst = int(np.argmax(np.abs(offsets)))
+    if abs(int(offsets[worst])) > round(selected.meta.frame_tolerance * 1e9):
+        raise DatasetError(
+            f"{selected.path}: expected a frame every {1000 / RATE:g} ms, but frame {worst} is "
+            f"{offsets[worst] * 1e-6:+.1f} ms off; both formats require evenly spaced frames, "
+            "so this episode cannot be exported"
+        )

@@ -17,18 +17,41 @@ _COUNTED_SIZE = 200
 """Of larger pictures only every second, third ... pixel is counted, so that this size is left."""
 
 
+_PAIRS = (("q01", "q99", "min", "max"), ("q10", "q90", "q01", "q99"))
+"""Quantiles between which training code may scale, and the wider limits if they coincide."""
+_COINCIDE = 0.01
+"""Quantiles nearer than this share of the range would blow the rest of it up a hundredfold."""
+
+
 def column_stats(values: NDArray[np.generic]) -> Stats:
-    """Return the statistics of each column of ``values``, (rows, columns) or (rows,)."""
-    table = values.reshape(len(values), -1).astype(np.float64)
+    """Return the statistics of each column of ``values``, (rows, columns) or (rows,).
+
+    Where two quantiles coincide, as those of something rare, the wider limits take their place:
+    code that maps ``q01 ... q99`` to -1 ... 1 would otherwise divide by nothing.
+    """
+    table = _table(values)
     quantiles = np.quantile(table, list(QUANTILES.values()), axis=0)
-    return {
-        "min": table.min(axis=0).tolist(),
-        "max": table.max(axis=0).tolist(),
-        "mean": table.mean(axis=0).tolist(),
-        "std": table.std(axis=0).tolist(),
-        "count": [len(table)],
-        **{name: row.tolist() for name, row in zip(QUANTILES, quantiles, strict=True)},
-    }
+    found = {"min": table.min(axis=0), "max": table.max(axis=0)}
+    found |= dict(zip(QUANTILES, quantiles, strict=True))
+    span = found["max"] - found["min"]
+    for low, high, least, most in _PAIRS:
+        coincide = found[high] - found[low] <= _COINCIDE * span
+        found[low] = np.where(coincide, found[least], found[low])
+        found[high] = np.where(coincide, found[most], found[high])
+    found |= {"mean": table.mean(axis=0), "std": table.std(axis=0)}
+    return {name: list(row.tolist()) for name, row in found.items()} | {"count": [len(table)]}
+
+
+def rare_columns(values: NDArray[np.generic]) -> list[int]:
+    """Return the columns of ``values`` (rows, columns) that are the same in all but few rows."""
+    table = _table(values)
+    low, high = np.quantile(table, [QUANTILES["q01"], QUANTILES["q99"]], axis=0)
+    span = table.max(axis=0) - table.min(axis=0)
+    return np.flatnonzero((span > 0.0) & (high - low <= _COINCIDE * span)).tolist()
+
+
+def _table(values: NDArray[np.generic]) -> NDArray[np.float64]:
+    return values.reshape(len(values), -1).astype(np.float64)
 
 
 class PictureStats:

@@ -7,6 +7,7 @@ tlx/              answer sheets
 trials.csv, summary.csv, workload.csv, summary.json, latency.png      the report
 """
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,8 +41,11 @@ class StudyStore:
         plan = self._read_plan()
         if plan is None:
             raise LatencyStudyError(
-                f"no study in {self.root}: expected {PLAN} there; begin one with: trill study "
-                f"latency --out {self.root}"
+                f"no study in {self.root}: expected {PLAN} there. Begin one for the trials of "
+                "persons with: trill study latency --episodes 0 --out "
+                f"{shlex.quote(str(self.root))}\n"
+                "(--tasks and --condition choose others than the paper's; without --episodes 0 the "
+                "synthetic operator does its trials first)"
             )
         return plan
 

@@ -3,7 +3,7 @@
 import sys
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 
 
 def main() -> int:

@@ -1,10 +1,10 @@
 """The command line of ``python -m lab.studies.tasks``."""
 
 import argparse
-import sys
 from pathlib import Path
 
-from common.errors import ConfigError, TrillError, report
+from common.errors import ConfigError
+from common.program import run_program
 from common.runtime.live.main import OptionFormatter
 from lab.errors import LabError
 from lab.progress import ProgressBar
@@ -156,10 +156,7 @@ def pictures(arguments: argparse.Namespace) -> int:
 def main(argv: list[str] | None = None) -> int:
     """Run the study; returns the exit code."""
     arguments = parser().parse_args(argv)
-    try:
-        return pictures(arguments) if arguments.command == "pictures" else run(arguments)
-    except TrillError as error:
-        return report("lab.studies.tasks", error)
-    except KeyboardInterrupt:
-        print("lab.studies.tasks: stopped; with --out, what is done is kept", file=sys.stderr)
-        return 130
+    work = pictures if arguments.command == "pictures" else run
+    return run_program(
+        "lab.studies.tasks", lambda: work(arguments), "stopped; with --out, what is done is kept"
+    )

@@ -7,6 +7,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from common.errors import SchemaError
+from common.schemas import Message, ServiceHealth
 from common.wire.codec import decode
 from services.logger.errors import ExportError
 from services.logger.export.output import ExportFile, export_file
@@ -14,7 +15,7 @@ from services.logger.export.robot import RobotModel
 from services.logger.export.routes import NOT_EXPORTED, Routes
 from services.logger.read.info import read_info
 from services.logger.read.reader import LogReader, RecordedMessage
-from services.logger.read.wall_clock import WallClock
+from services.logger.read.sender_clocks import SenderClocks, Times
 
 OnProgress = Callable[[int, int], None]
 """Called with how many messages are done, and of how many."""
@@ -30,7 +31,7 @@ class Summary:
         converted: messages read, by source topic (with source).
         written: messages written, by exported topic.
         left_out: number of messages not converted and the last reason, by source topic.
-        duration: between the first and last arrival of what was converted [s].
+        duration: between the first and last arrival of what was converted, without pauses [s].
         remarks: anything else a person should know.
     """
 
@@ -53,6 +54,7 @@ def export_log(
     *,
     topics: Sequence[str] = (),
     force: bool = False,
+    ros2: bool = False,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Summary:
     """Convert ``log`` to ``out``.
@@ -62,6 +64,7 @@ def export_log(
         out: the file to write.
         topics: only these, e.g. ``plant/state`` or ``camera/*``; empty: all.
         force: replace an existing ``out``.
+        ros2: write messages of ROS 2 only.
         on_progress: called now and then.
 
     Raises:
@@ -70,17 +73,18 @@ def export_log(
     """
     if out.exists() and log.exists() and out.samefile(log):
         raise ExportError(f"{out} is the log itself; give another -o")
-    keys = read_info(log).topics
+    info = read_info(log)
+    keys = info.topics
     names = sorted({_name(one.key) for one in keys})
     for pattern in topics:
         if not any(fnmatchcase(name, pattern) for name in names):
             known = ", ".join(names) or "none"
             raise ExportError(f"no topic of {log} matches {pattern!r}; it has: {known}")
     total = sum(one.messages for one in keys)
-    summary = Summary(out)
+    summary = Summary(out, remarks=[*info.remarks, *map(str, info.pauses)])
     reader = LogReader(log)
-    conversion = _Conversion(reader, topics, summary)
-    with export_file(out, force=force) as file:
+    conversion = _Conversion(reader, topics, summary, ros2=ros2)
+    with export_file(out, force=force, profile="ros2" if ros2 else "") as file:
         for done, message in enumerate(reader.raw_messages()):
             if done % _PROGRESS_STEP == 0:
                 on_progress(done, total)
@@ -99,13 +103,14 @@ def export_log(
 class _Conversion:
     """Converts message by message and fills the summary."""
 
-    def __init__(self, reader: LogReader, topics: Sequence[str], summary: Summary) -> None:
+    def __init__(
+        self, reader: LogReader, topics: Sequence[str], summary: Summary, *, ros2: bool
+    ) -> None:
         self._reader = reader
-        self._routes = Routes(_robot(summary))
+        self._routes = Routes(_robot(summary), ros2=ros2)
         self._topics = topics
         self._summary = summary
-        self._origin: dict[str, str] = {}
-        self._clock = WallClock()
+        self._clocks = SenderClocks()
         self._first_ns: int | None = None
         self._last_ns = 0
 
@@ -116,22 +121,29 @@ class _Conversion:
         if topic is None or reason:
             self._summary.leave_out(name, reason)
             return
-        # Each segment of a recording has its own origin, perhaps of another boot of the machine.
-        if self._reader.origin is not self._origin:
-            self._origin = self._reader.origin
-            self._clock = WallClock.of(self._origin)
         try:
             message = decode(raw.payload, topic.schema, raw.tag or None)
-            times = self._clock.times(message.header, raw.log_time)
+            times = self._times(message, raw.log_time)
             samples = list(self._routes(topic.name, name, message, times))
         except (SchemaError, ExportError) as error:
             self._summary.leave_out(name, str(error))
             return
+        if not samples:
+            self._summary.leave_out(name, "nothing that ROS 2 has a message for")
+            return
         for sample in samples:
             file.write(sample, times, raw.sequence)
         self._summary.converted[name] += 1
-        self._first_ns = times.logged if self._first_ns is None else self._first_ns
-        self._last_ns = times.logged
+        self._first_ns = raw.time_ns if self._first_ns is None else self._first_ns
+        self._last_ns = raw.time_ns
+
+    def _times(self, message: Message, log_time: int) -> Times:
+        """Return the times of a message on the wall clock."""
+        times = self._clocks.times(message.header, log_time)
+        if isinstance(message, ServiceHealth):
+            self._clocks.learn(message)
+        offset = self._reader.time_line.wall_offset_ns or 0
+        return Times(times.stamp + offset, times.sent + offset, times.logged + offset)
 
     def _reason_to_skip(self, raw: RecordedMessage, name: str) -> str:
         if self._topics and not any(fnmatchcase(name, pattern) for pattern in self._topics):
@@ -146,7 +158,7 @@ class _Conversion:
         summary.duration = (self._last_ns - (self._first_ns or 0)) * 1e-9
         if self._reader.truncated:
             summary.remarks.append("the log is cut off; everything before that is converted")
-        if not self._clock.known:
+        if self._reader.time_line.wall_offset_ns is None:
             summary.remarks.append(
                 "the log does not tie its clock to the wall clock: times count from the "
                 "recorder's boot"
@@ -163,7 +175,7 @@ def _robot(summary: Summary) -> RobotModel | None:
         return RobotModel()
     except ImportError:
         summary.remarks.append(
-            "MuJoCo is not installed: no link transforms, shapes and measured hands "
+            "MuJoCo is not installed: no link transforms, shapes, camera data and measured hands "
             "(pip install '.[sim]' in a checkout of trill)"
         )
         return None

@@ -1,5 +1,7 @@
 """One input of a service as plain numbers, which every viewer can plot."""
 
+from math import nan
+
 from pydantic import BaseModel, ConfigDict, create_model
 
 from common.journal.ledger import STAGES
@@ -23,14 +25,18 @@ LinkPlot: type[BaseModel] = create_model(  # type: ignore[call-overload]
     **{
         name: (LinkHealth.model_fields[source].annotation, ...) for name, source in _SOURCES.items()
     },
-    **dict.fromkeys(_STAGE_FIELDS, (float, -1.0)),
+    **dict.fromkeys(_STAGE_FIELDS, (float, nan)),
 )
-"""A link's health with its stages laid flat: times in seconds, -1 where nothing is known."""
+"""A link's health with its stages laid flat: times in seconds, NaN where nothing is known.
+
+A curve has a gap there; a number such as -1 would be drawn, and spoil the scale.
+"""
 
 
 def link_plot(link: LinkHealth) -> BaseModel:
     """Return the numbers of ``link`` as a :data:`LinkPlot`."""
     values = {name: getattr(link, source) for name, source in _SOURCES.items()}
+    values["age"] = link.age if link.age >= 0.0 else nan
     for stage in link.stages:
         values[f"{stage.stage}_median"] = stage.median
         values[f"{stage.stage}_p99"] = stage.p99

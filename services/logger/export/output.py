@@ -11,7 +11,7 @@ from mcap.writer import CompressionType, Writer
 from common.files import whole_file
 from services.logger.errors import ExportError
 from services.logger.export.samples import Sample, SampleSchema
-from services.logger.read.wall_clock import Times
+from services.logger.read.sender_clocks import Times
 
 METADATA = "trill"
 """Name of the file's metadata record: what it was made from."""
@@ -20,13 +20,13 @@ METADATA = "trill"
 class ExportFile:
     """An exported file open for writing, and its messages by topic; see :func:`export_file`."""
 
-    def __init__(self, stream: IO[bytes]) -> None:
-        """Begin a file on ``stream``."""
+    def __init__(self, stream: IO[bytes], profile: str) -> None:
+        """Begin a file on ``stream``; ``profile`` is MCAP's name for what its messages are."""
         self.counts: Counter[str] = Counter()
         self._channels: dict[str, int] = {}
         self._schemas: dict[SampleSchema, int] = {}
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library="trill")
+        self._writer.start(profile=profile, library="trill")
 
     def write(self, sample: Sample, times: Times, sequence: int) -> None:
         """Append one message."""
@@ -59,7 +59,7 @@ class ExportFile:
 
 
 @contextlib.contextmanager
-def export_file(path: Path, *, force: bool) -> Iterator[ExportFile]:
+def export_file(path: Path, *, force: bool, profile: str = "") -> Iterator[ExportFile]:
     """Write the file ``path``, which appears when the block has ended well, and only then.
 
     Raises:
@@ -70,7 +70,7 @@ def export_file(path: Path, *, force: bool) -> Iterator[ExportFile]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(path) as unfinished, unfinished.open("wb") as stream:
-            yield ExportFile(stream)
+            yield ExportFile(stream, profile)
     except OSError as error:
         raise ExportError(
             f"cannot write {path}: {error.strerror or error}; give a writable -o with enough space"

@@ -12,6 +12,9 @@ from services.logger.export.meshes import LinkMesh, link_meshes
 
 Array = NDArray[np.float64]
 
+EYES = ("left", "right")
+"""Names of the stereo pair's cameras, the left one first."""
+
 
 @dataclass(frozen=True, slots=True)
 class Frame:
@@ -23,8 +26,24 @@ class Frame:
     quaternion: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """An ideal pinhole camera.
+
+    ``field_of_view`` is the vertical one [rad], ``baseline`` how far right of the left eye [m].
+    """
+
+    field_of_view: float
+    baseline: float
+
+
+def camera_frame(eye: str) -> str:
+    """Return the name of the frame of an eye's images: x right, y down, z ahead."""
+    return f"{eye}_camera"
+
+
 class RobotModel:
-    """Forward kinematics of all links, hands and feet below ``torso_link``."""
+    """Forward kinematics of all links, hands, feet and cameras below ``torso_link``."""
 
     def __init__(self) -> None:
         """Load the model.
@@ -51,6 +70,14 @@ class RobotModel:
             self._model.site(name).id for name in (*HAND_FRAMES.values(), *FOOT_FRAMES.values())
         ]
 
+        self._cameras = [self._camera(eye) for eye in EYES]
+
+    def lens(self, eye: str) -> Lens:
+        """Return the camera of the ``left`` or ``right`` eye."""
+        here, first = (self._model.camera(name) for name in (eye, EYES[0]))
+        baseline = float(np.linalg.norm(here.pos - first.pos))
+        return Lens(float(np.radians(here.fovy[0])), baseline)
+
     def meshes(self) -> list[LinkMesh]:
         """Return the shapes of every link, in its frame."""
         return link_meshes(self._model)
@@ -63,7 +90,7 @@ class RobotModel:
         self._mujoco.mj_kinematics(self._model, self._data)
 
     def frames(self) -> list[Frame]:
-        """Return every link in its parent link; hands and feet in the link they are fixed to."""
+        """Return every link in its parent; hands, feet, cameras in the link they are fixed to."""
         data, model = self._data, self._model
         links = [
             self._relative(model.body(body).name, parent, data.xpos[body], data.xquat[body])
@@ -78,7 +105,7 @@ class RobotModel:
             )
             for site in self._sites
         ]
-        return links + sites
+        return links + sites + self._cameras
 
     def in_body(self, site: str) -> tuple[Array, Array]:
         """Return position (3,) [m] and quaternion (4,) of a site in ``torso_link``."""
@@ -87,6 +114,14 @@ class RobotModel:
 
     def _addresses(self, names: tuple[str, ...]) -> list[int]:
         return [int(self._model.joint(name).qposadr[0]) for name in names]
+
+    def _camera(self, eye: str) -> Frame:
+        camera = self._model.camera(eye)
+        quaternion = np.zeros(4)
+        # MuJoCo's cameras look along -z with y up; images are described with z ahead and y down.
+        self._mujoco.mju_mulQuat(quaternion, camera.quat, np.array([0.0, 1.0, 0.0, 0.0]))
+        parent = self._model.body(int(camera.bodyid[0])).name
+        return Frame(camera_frame(eye), parent, camera.pos.copy(), quaternion)
 
     def _site_quaternion(self, site: int) -> Array:
         quaternion = np.zeros(4)

@@ -16,6 +16,8 @@ from services.logger.read.ranges import Ranges
 
 MAX_JUMP = 1_000_000
 """A sequence number further off than this is a damaged message, not a million lost ones."""
+MAX_GAP = 1000
+"""One number alone at either end and further off than this is a stray one, too; several are not."""
 MAX_STREAMS = 256
 """Streams told apart per key; a key with more is being flooded with garbage."""
 
@@ -80,11 +82,18 @@ class _Stream:
     sent: Ranges = field(default_factory=Ranges)
 
     def span(self) -> tuple[int, int] | None:
-        """Return the first and the last number seen."""
+        """Return the first and the last number seen, but for stray ones."""
         known = [numbers for numbers in (self.recorded, self.dropped, self.sent) if numbers]
         if not known:
             return None
-        return min(numbers.first for numbers in known), max(numbers.last for numbers in known)
+        first = min(numbers.first for numbers in known)
+        last = max(numbers.last for numbers in known)
+        others = [end for numbers in known for end in numbers.without_ends()]
+        if others and first not in others and min(others) - first > MAX_GAP:
+            first = min(others)
+        if others and last not in others and last - max(others) > MAX_GAP:
+            last = max(others)
+        return first, last
 
     def is_plausible(self, seq: int) -> bool:
         span = self.span()
@@ -102,14 +111,20 @@ class _Stream:
         if span is None:
             return DeliveryCount()
         first, last = span
+        strays = self.recorded.ends_outside(first, last)
         # A message of which one copy was dropped and another recorded is in the file.
         dropped = len(self.dropped) - self.dropped.common(self.recorded)
         return DeliveryCount(
             recorded=len(self.recorded),
             dropped=dropped,
-            lost=last - first + 1 - len(self.recorded) - dropped,
+            lost=last
+            - first
+            + 1
+            - (len(self.recorded) - strays)
+            - max(0, dropped - self.dropped.ends_outside(first, last)),
             repeated=self.repeated,
             late=self.late,
+            headerless=strays,
             earlier=first,
         )
 

@@ -1,14 +1,15 @@
 """The index of a log: what it holds and where, found without reading all of it.
 
-A whole file has an index at its end. For a file without its end the index is collected by walking
-from record to record. The chunks' bodies are skipped, because the writer puts small records behind
-each chunk that count its messages by channel.
+A whole file has an index at its end. For a file without its end, or with messages that the index
+does not place (those outside chunks), the index is collected by walking from record to record. The
+chunks' bodies are skipped, because the writer puts small records behind each chunk that count its
+messages by channel.
 """
 
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mcap.opcode import Opcode
@@ -17,19 +18,32 @@ from mcap.records import Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
 
 from services.logger.errors import DamagedLogError, LoggerError
-from services.logger.read.chunks import DECODE_ERRORS
+from services.logger.read.chunks import DECODE_ERRORS, RECORD_HEAD
 from services.logger.read.mcap_file import McapFile, Span, open_mcap
 
 _CHUNK_TIMES = struct.Struct("<QQ")
 _INDEX_HEAD = struct.Struct("<HI")
 _INDEX_ENTRY_SIZE = 16
+_INDEX_OVERHEAD = RECORD_HEAD.size + _INDEX_HEAD.size
+"""Bytes of a message index without its entries."""
+_MESSAGE_HEAD = struct.Struct("<HIQ")
+"""How the body of a message begins: channel, sequence, log time."""
 
 
 @dataclass(frozen=True)
-class ChunkPlace:
-    """One chunk: its offset in the file, its time span, and the channels it has messages of."""
+class MessagePlace:
+    """A chunk, or a run of messages outside chunks.
+
+    Attributes:
+        offset: where it begins in the file.
+        end: where it ends.
+        start_ns: arrival of its first message, monotonic clock [ns].
+        end_ns: arrival of its last message [ns].
+        channels: those it has messages of.
+    """
 
     offset: int
+    end: int
     start_ns: int
     end_ns: int
     channels: frozenset[int]
@@ -45,37 +59,40 @@ class LogIndex:
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     counts: Counter[int] = field(default_factory=Counter)
-    chunks: list[ChunkPlace] = field(default_factory=list)
+    places: list[MessagePlace] = field(default_factory=list)
     metadata: list[Metadata] = field(default_factory=list)
+    unplaced: int = 0
+    """Messages that the index at the file's end counts but does not place."""
 
     @property
     def start_ns(self) -> int:
         """Arrival of the first message; 0 if there is none."""
-        return min((chunk.start_ns for chunk in self.chunks), default=0)
+        return min((place.start_ns for place in self.places), default=0)
 
     @property
     def end_ns(self) -> int:
         """Arrival of the last message; 0 if there is none."""
-        return max((chunk.end_ns for chunk in self.chunks), default=0)
+        return max((place.end_ns for place in self.places), default=0)
 
     def metadata_named(self, name: str) -> list[dict[str, str]]:
         """Return the metadata records called ``name``, in order."""
         return [record.metadata for record in self.metadata if record.name == name]
 
     def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[tuple[Channel, McapMessage]]:
-        """Yield the messages of the ``wanted`` channels; read only chunks that have any.
+        """Yield the messages of the ``wanted`` channels; read only places that have any.
 
         Raises:
             LoggerError: the file cannot be read, or a chunk is damaged.
         """
         ids = {number for number, channel in self.channels.items() if wanted(channel)}
         with open_mcap(self.path) as file:
-            for place in self.chunks:
+            for place in self.places:
                 if ids.isdisjoint(place.channels):
                     continue
-                for record in file.records(file.span_at(place.offset)):
-                    if isinstance(record, McapMessage) and record.channel_id in ids:
-                        yield self.channels[record.channel_id], record
+                for span in _spans_of(file, place):
+                    for record in file.records(span):
+                        if isinstance(record, McapMessage) and record.channel_id in ids:
+                            yield self.channels[record.channel_id], record
 
 
 def read_index(path: Path) -> LogIndex:
@@ -87,7 +104,21 @@ def read_index(path: Path) -> LogIndex:
     with open_mcap(path) as file:
         if not file.has_start:
             raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes first")
-        return (_from_summary(file) if file.has_end else None) or _from_walk(file)
+        index = _from_summary(file) if file.has_end else None
+        if index is None:
+            return _from_walk(file)
+        if index.unplaced:
+            walked = _from_walk(file)
+            return replace(walked, whole=True, counts=index.counts, unplaced=index.unplaced)
+        return index
+
+
+def _spans_of(file: McapFile, place: MessagePlace) -> Iterator[Span]:
+    start = place.offset
+    while start < place.end:
+        span = file.span_at(start)
+        yield span
+        start = span.end
 
 
 def _from_summary(file: McapFile) -> LogIndex | None:
@@ -105,9 +136,15 @@ def _from_summary(file: McapFile) -> LogIndex | None:
         return None
     index.schemas, index.channels = dict(summary.schemas), dict(summary.channels)
     index.counts.update(summary.statistics.channel_message_counts)
-    index.chunks = [
-        ChunkPlace(
+    entries = [
+        one.message_index_length - _INDEX_OVERHEAD * len(one.message_index_offsets)
+        for one in summary.chunk_indexes
+    ]
+    index.unplaced = index.counts.total() - sum(entries) // _INDEX_ENTRY_SIZE
+    index.places = [
+        MessagePlace(
             one.chunk_start_offset,
+            one.chunk_start_offset + one.chunk_length,
             one.message_start_time,
             one.message_end_time,
             frozenset(one.message_index_offsets),
@@ -132,13 +169,15 @@ def _from_walk(file: McapFile) -> LogIndex:
             _add_chunk(index, file, chunk, counts)
             counts = Counter()
         chunk = span if span.opcode == Opcode.CHUNK else None
-        if chunk is None:
+        if span.opcode == Opcode.MESSAGE:
+            _add_message(index, file, span)
+        elif chunk is None:
             _note_definitions(index, file, span)
     if chunk is not None:
         # Perhaps not all of the last chunk's message indexes are there: count the messages.
         _add_chunk(index, file, chunk, Counter())
     unknown = index.counts.keys() - index.channels.keys()
-    for place in index.chunks:
+    for place in index.places:
         if not place.channels.isdisjoint(unknown):
             _note_definitions(index, file, file.span_at(place.offset))
             unknown -= index.channels.keys()
@@ -157,7 +196,26 @@ def _add_chunk(index: LogIndex, file: McapFile, chunk: Span, counts: Counter[int
         last = max((one.log_time for one in messages), default=0)
     if counts:
         index.counts.update(counts)
-        index.chunks.append(ChunkPlace(chunk.start, first, last, frozenset(counts)))
+        place = MessagePlace(chunk.start, chunk.end, first, last, frozenset(counts))
+        index.places.append(place)
+
+
+def _add_message(index: LogIndex, file: McapFile, span: Span) -> None:
+    """Add a message outside chunks, to the run of such messages if it goes on there."""
+    if span.end - span.body < _MESSAGE_HEAD.size:
+        return
+    head = file.bytes_of(span.body, span.body + _MESSAGE_HEAD.size)
+    channel, _, log_time = _MESSAGE_HEAD.unpack(head)
+    index.counts[channel] += 1
+    last = index.places[-1] if index.places else None
+    if last is None or last.end != span.start:
+        last = MessagePlace(span.start, span.end, log_time, log_time, frozenset({channel}))
+        index.places.append(last)
+        return
+    # Most often the channel is known already; a set of its own for each message would be slow.
+    channels = last.channels if channel in last.channels else last.channels | {channel}
+    start_ns, end_ns = min(last.start_ns, log_time), max(last.end_ns, log_time)
+    index.places[-1] = MessagePlace(last.offset, span.end, start_ns, end_ns, channels)
 
 
 def _note_definitions(index: LogIndex, file: McapFile, span: Span) -> list[McapMessage]:

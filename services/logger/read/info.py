@@ -3,8 +3,8 @@
 import contextlib
 import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,101 +24,12 @@ from services.logger.read.delivery import DeliveryCount, DeliveryStats
 from services.logger.read.episodes import Episode, EpisodeBook
 from services.logger.read.index import LogIndex, read_index
 from services.logger.read.locks import is_locked
+from services.logger.read.log_info import LinkInfo, LogInfo, SegmentInfo, TopicInfo
 from services.logger.read.mcap_file import open_mcap
 from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import recover
-from services.logger.read.segments import existing_segments
-from services.logger.read.wall_clock import WallClock
-
-
-@dataclass(frozen=True)
-class SegmentInfo:
-    """One file of a recording.
-
-    Attributes:
-        path: of the file.
-        size: of the file [bytes].
-        messages: number of messages in it.
-        whole: whether it has its end.
-        repaired: whether `trill repair` wrote it.
-        open: whether it is being recorded, or repaired, at this moment.
-        start_ns: arrival of the first message, monotonic clock [ns].
-        end_ns: arrival of the last message, monotonic clock [ns].
-        origin: how the recording was made, from the file's first metadata record.
-    """
-
-    path: Path
-    size: int
-    messages: int
-    whole: bool
-    repaired: bool
-    open: bool
-    start_ns: int
-    end_ns: int
-    origin: dict[str, str]
-
-    @property
-    def session(self) -> str:
-        """Id that the segments written by one process have in common."""
-        return self.origin.get("session", str(self.path))
-
-    def wall_ns(self, monotonic_ns: int) -> int:
-        """Return the wall-clock time [ns since 1970] of a monotonic one; 0 if it is not known."""
-        clock = WallClock.of(self.origin)
-        return monotonic_ns + clock.offset if clock.known else 0
-
-
-@dataclass(frozen=True)
-class TopicInfo:
-    """One key of a recording: messages in the files, delivery counts, schema names."""
-
-    key: str
-    messages: int
-    count: DeliveryCount
-    schemas: tuple[str, ...]
-
-    @property
-    def rate(self) -> float:
-        """Arrivals per second from the first to the last [Hz]; 0 for fewer than two."""
-        seconds = 1e-9 * (self.count.last_ns - self.count.first_ns)
-        return (self.messages - 1) / seconds if seconds > 0 else 0.0
-
-
-@dataclass(frozen=True)
-class LinkInfo:
-    """A change of an injected link, with the arrival of its message [ns, monotonic]."""
-
-    at_ns: int
-    change: LinkChange
-
-
-@dataclass
-class LogInfo:
-    """Summary of a recording.
-
-    Attributes:
-        segments: its files, in order.
-        topics: its keys, in alphabetical order.
-        boots: boot ids of each service, in order of appearance.
-        episodes: in order of start.
-        links: changes of injected links, in order.
-    """
-
-    segments: list[SegmentInfo]
-    topics: list[TopicInfo] = field(default_factory=list)
-    boots: dict[str, list[int]] = field(default_factory=dict)
-    episodes: list[Episode] = field(default_factory=list)
-    links: list[LinkInfo] = field(default_factory=list)
-
-    @property
-    def whole(self) -> bool:
-        """Whether every segment has its end."""
-        return all(segment.whole for segment in self.segments)
-
-    @property
-    def origin(self) -> dict[str, str]:
-        """How the recording was made."""
-        return self.segments[0].origin
+from services.logger.read.segments import find_segments
+from services.logger.read.time_line import TimeLine
 
 
 def read_info(path: Path) -> LogInfo:
@@ -130,20 +41,24 @@ def read_info(path: Path) -> LogInfo:
     Raises:
         LoggerError: there is no log.
     """
-    paths = [one for one in existing_segments(path) if not one.exists() or one.stat().st_size]
+    found = find_segments(path)
+    paths = [one for one in found.paths if not one.exists() or one.stat().st_size]
     indexes = [read_index(one) for one in paths]
     if not indexes:
-        raise LoggerError(f"cannot open the log {path}: there is no such file, or it is empty")
-    info = LogInfo([_segment_info(index) for index in indexes])
-    counts: dict[str, DeliveryCount] = {}
+        raise LoggerError(f"{path} is not an MCAP log: it is empty")
+    line = TimeLine()
+    info = LogInfo([_segment_info(index, line) for index in indexes], remarks=found.remarks())
+    info.pauses = line.pauses
+    counts: dict[str, list[DeliveryCount]] = {}
     # The statistics in a process's last segment cover those before it.
-    last_of_session = {s.session: i for s, i in zip(info.segments, indexes, strict=True)}
-    for index in last_of_session.values():
+    last_of_session = {s.session: (s, i) for s, i in zip(info.segments, indexes, strict=True)}
+    for segment, index in last_of_session.values():
         delivery = _delivery_stats(index)
         for key, count in delivery.report().items():
-            known = counts.get(key)
-            # Before a later session were mostly messages that an earlier one recorded.
-            counts[key] = count if known is None else replace(known + count, earlier=known.earlier)
+            times = (count.first_ns + segment.shift_ns, count.last_ns + segment.shift_ns)
+            first_ns, last_ns = times if count.last_ns else (0, 0)
+            placed = replace(count, first_ns=first_ns, last_ns=last_ns)
+            counts.setdefault(key, []).append(placed)
         for streams in delivery.streams().values():
             for source, boot in streams:
                 boots = info.boots.setdefault(source, [])
@@ -152,8 +67,8 @@ def read_info(path: Path) -> LogInfo:
     info.topics = _topics(indexes, counts)
     info.episodes = _episodes(info.segments, indexes)
     info.links = [
-        LinkInfo(at_ns, change)
-        for index in indexes
+        LinkInfo(at_ns + segment.shift_ns, change)
+        for segment, index in zip(info.segments, indexes, strict=True)
         for at_ns, change in _decoded(index, LINK_CHANGE)
         if isinstance(change, LinkChange)
     ]
@@ -168,11 +83,16 @@ def read_episodes(paths: Iterable[Path]) -> list[Episode]:
             indexes.append(read_index(path))
         except LoggerError:
             continue
-    return _episodes([_segment_info(index) for index in indexes], indexes)
+    line = TimeLine()
+    return _episodes([_segment_info(index, line) for index in indexes], indexes)
 
 
-def _segment_info(index: LogIndex) -> SegmentInfo:
-    origins = index.metadata_named(START_METADATA)
+def _segment_info(index: LogIndex, line: TimeLine) -> SegmentInfo:
+    origin = next(iter(index.metadata_named(START_METADATA)), {})
+    start_ns = end_ns = 0
+    if index.places:
+        line.begin_segment(index.path.name, origin)
+        start_ns, end_ns = line.place(index.start_ns), line.place(index.end_ns)
     return SegmentInfo(
         path=index.path,
         size=index.size,
@@ -180,9 +100,11 @@ def _segment_info(index: LogIndex) -> SegmentInfo:
         whole=index.whole,
         repaired=bool(index.metadata_named(REPAIR_METADATA)),
         open=not index.whole and is_locked(index.path),
-        start_ns=index.start_ns,
-        end_ns=index.end_ns,
-        origin=origins[0] if origins else {},
+        start_ns=start_ns,
+        end_ns=end_ns,
+        shift_ns=line.shift_ns,
+        wall_offset_ns=line.wall_offset_ns,
+        origin=origin,
     )
 
 
@@ -199,7 +121,10 @@ def _delivery_stats(index: LogIndex) -> DeliveryStats:
     return rebuilt.stats
 
 
-def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> list[TopicInfo]:
+def _topics(
+    indexes: Sequence[LogIndex], counts: Mapping[str, Sequence[DeliveryCount]]
+) -> list[TopicInfo]:
+    """Return the topics; ``counts`` has those of each session by key."""
     messages: Counter[str] = Counter()
     schemas: dict[str, dict[str, None]] = {}
     for index in indexes:
@@ -210,9 +135,23 @@ def _topics(indexes: Sequence[LogIndex], counts: dict[str, DeliveryCount]) -> li
             if schema is not None:
                 names[schema.name] = None
     return [
-        TopicInfo(key, messages[key], counts.get(key, DeliveryCount()), tuple(schemas.get(key, ())))
+        TopicInfo(
+            key,
+            messages[key],
+            _added(counts.get(key, ())),
+            tuple(schemas.get(key, ())),
+            seconds=1e-9 * sum(one.last_ns - one.first_ns for one in counts.get(key, ())),
+            sessions=len(counts.get(key, ())),
+        )
         for key in sorted({*messages, *counts})
     ]
+
+
+def _added(sessions: Sequence[DeliveryCount]) -> DeliveryCount:
+    if not sessions:
+        return DeliveryCount()
+    # Before a later session were mostly messages that an earlier one recorded.
+    return replace(sum(sessions, DeliveryCount()), earlier=sessions[0].earlier)
 
 
 def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> list[Episode]:
@@ -228,10 +167,10 @@ def _episodes(segments: Sequence[SegmentInfo], indexes: Sequence[LogIndex]) -> l
         previous = segment
         for at_ns, mark in _decoded(index, EPISODE):
             if isinstance(mark, EpisodeMark):
-                book.observe(mark, at_ns)
+                book.observe(mark, at_ns + segment.shift_ns)
         for end in index.metadata_named(END_METADATA):
             with contextlib.suppress(ValueError, KeyError):
-                book.close(int(end["monotonic_ns"]))
+                book.close(int(end["monotonic_ns"]) + segment.shift_ns)
     if previous is not None and previous.repaired:
         book.close(previous.end_ns)
     return book.finished if book.open is None else [*book.finished, book.open]

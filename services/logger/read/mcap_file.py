@@ -37,6 +37,8 @@ MAGIC: bytes = MCAP0_MAGIC
 UNREADABLE = 0
 """Opcode of a span that belongs to no record; MCAP uses this number for none."""
 
+_WINDOW = 2**24
+"""Pages of a large file are given back after a walk has gone on by this [bytes]."""
 _FOOTER_SIZE = RECORD_HEAD.size + 20 + len(MAGIC)
 _CHUNK_START = re.compile(
     rb"\x06.{5}\x00\x00\x00.{8}.{8}.{8}.{4}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4|\x00{4})",
@@ -109,13 +111,15 @@ class McapFile:
 
     def spans(self) -> Iterator[Span]:
         """Yield the records up to the footer in order, with the unreadable bytes between them."""
-        start = len(MAGIC)
+        start, released = len(MAGIC), 0
         if not self.has_start:
             start = self._next_chunk(0)
             if start:
                 yield Span(UNREADABLE, 0, 0, start)
         while start + RECORD_HEAD.size <= self.size:
             span = self.span_at(start)
+            if start >= released + _WINDOW:
+                released = self._release(released, start)
             if self._is_record(span):
                 yield span
                 if span.opcode == Opcode.FOOTER:
@@ -145,6 +149,9 @@ class McapFile:
             yield from split_records(
                 self.chunk_data(span) if span.complete else self._start_of_chunk_data(span)
             )
+        elif span.opcode == Opcode.MESSAGE:
+            # Outside chunks, as other writers may have it.
+            yield from split_records(self.bytes_of(span.start, span.end))
         elif span.opcode in _PARSED:
             try:
                 record = parse_record(self.bytes_of(span.start, span.end))
@@ -180,6 +187,16 @@ class McapFile:
         name = self.bytes_of(start, min(start + 8, chunk.end))
         length = int.from_bytes(name[:4], "little")
         return name[4 : 4 + length].decode(errors="replace")
+
+    def _release(self, start: int, end: int) -> int:
+        """Give back the memory of whole windows before ``end``; return up to where.
+
+        Otherwise all of a large file would seem to be in this process's memory in the end.
+        """
+        end -= end % _WINDOW
+        if isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            self._data.madvise(mmap.MADV_DONTNEED, start, end - start)
+        return end
 
     def _start_of_chunk_data(self, span: Span) -> bytes:
         """Return as much as can be decompressed of a chunk whose end is missing."""

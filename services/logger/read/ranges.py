@@ -51,6 +51,20 @@ class Ranges:
             raise ValueError("an empty set has no last member")
         return self._lasts[-1]
 
+    def without_ends(self) -> tuple[int, ...]:
+        """The smallest and the largest member, each passed over if it is a run of its own."""
+        firsts, lasts = self._firsts, self._lasts
+        if not firsts:
+            return ()
+        low = 0 if firsts[0] < lasts[0] else 1
+        high = len(firsts) - (1 if firsts[-1] < lasts[-1] else 2)
+        return (firsts[low], lasts[high]) if low <= high else ()
+
+    def ends_outside(self, first: int, last: int) -> int:
+        """How many of the smallest and the largest member are not in ``first`` to ``last``."""
+        ends = {self._firsts[0], self._lasts[-1]} if self._firsts else set()
+        return sum(not first <= end <= last for end in ends)
+
     def is_next(self, value: int) -> bool:
         """Whether ``value`` is one more than the last member."""
         return bool(self._lasts) and value == self._lasts[-1] + 1

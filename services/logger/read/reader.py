@@ -19,6 +19,7 @@ from services.logger.log_format import DELIVERY_METADATA, START_METADATA
 from services.logger.read.delivery import DeliveryCount, DeliveryStats
 from services.logger.read.mcap_file import MAGIC, UNREADABLE, McapFile, Span, open_mcap
 from services.logger.read.segments import existing_segments
+from services.logger.read.time_line import TimeLine
 
 _TOPICS: dict[str, Topic[Any]] = {topic.name: topic for topic in ALL_TOPICS}
 
@@ -34,6 +35,8 @@ class RecordedMessage:
         tag: schema tag given by the sender; empty if none.
         payload: the bytes.
         log_time: arrival at the logger, monotonic clock [ns].
+        time_ns: the same on the recording's clock, which is one for all segments [ns]; see
+            :mod:`services.logger.read.time_line`.
         publish_time: sending, monotonic clock of the sender's host [ns].
         sequence: sequence number of its stream, modulo 2^32.
     """
@@ -43,6 +46,7 @@ class RecordedMessage:
     tag: str
     payload: bytes
     log_time: int
+    time_ns: int
     publish_time: int
     sequence: int
 
@@ -59,7 +63,8 @@ class LogReader:
         truncated: whether a segment lacks its end, as it does when the logger was killed.
         refused: number of messages that did not fit today's schema, by topic name.
         last_refusal: why the last of them did not.
-        origin: how the recording was made; ties the monotonic clock to the wall clock.
+        origin: how the segment being read was made.
+        time_line: the recording's clock, at the segment being read.
         report: the logger's own counts by key; empty if it was killed.
     """
 
@@ -70,6 +75,7 @@ class LogReader:
         self.refused: Counter[str] = Counter()
         self.last_refusal = ""
         self.origin: dict[str, str] = {}
+        self.time_line = TimeLine()
         self.report: dict[str, DeliveryCount] = {}
 
     def raw_messages(self) -> Iterator[RecordedMessage]:
@@ -79,18 +85,24 @@ class LogReader:
             LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
         """
         self.truncated = False
+        self.time_line = TimeLine()
         read = False
         for path in existing_segments(self.path):
+            self.origin = {}
             with open_mcap(path) as file:
                 if file.size >= len(MAGIC) and not file.has_start:
                     raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes")
                 channels: dict[int, Channel] = {}
+                begun = False
                 for record in self._records(file):
                     read = True
                     if isinstance(record, Channel):
                         channels[record.id] = record
                     elif isinstance(record, McapMessage):
-                        yield _recorded(channels, record)
+                        if not begun:
+                            self.time_line.begin_segment(path.name, self.origin)
+                            begun = True
+                        yield _recorded(channels, record, self.time_line.place(record.log_time))
                     elif isinstance(record, Metadata):
                         self._note(record)
         if not read:
@@ -134,7 +146,7 @@ class LogReader:
             self.report = DeliveryStats.from_metadata(record.metadata).report()
 
 
-def _recorded(channels: dict[int, Channel], message: McapMessage) -> RecordedMessage:
+def _recorded(channels: dict[int, Channel], message: McapMessage, time_ns: int) -> RecordedMessage:
     channel = channels.get(message.channel_id)
     if channel is None:
         raise DamagedLogError(f"channel {message.channel_id} is not described")
@@ -144,6 +156,7 @@ def _recorded(channels: dict[int, Channel], message: McapMessage) -> RecordedMes
         tag=channel.metadata.get("schema_tag", ""),
         payload=message.data,
         log_time=message.log_time,
+        time_ns=time_ns,
         publish_time=message.publish_time,
         sequence=message.sequence,
     )

@@ -1,8 +1,8 @@
 """Configuration of the logger."""
 
-from typing import Literal
+from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class LoggerConfig(BaseModel):
@@ -53,3 +53,33 @@ class LoggerConfig(BaseModel):
     low_disk: int = Field(
         default=1024**3, ge=0, description="free disk space below which a warning is given [bytes]"
     )
+    min_free: int = Field(
+        default=100_000_000,
+        ge=0,
+        description="free disk space below which the recording ends, whole [bytes]",
+    )
+    keep_size: int | None = Field(
+        default=None,
+        ge=200_000,
+        description="size of all segments beyond which the oldest are deleted; needs rotation "
+        "[bytes]",
+    )
+    keep_segments: int | None = Field(
+        default=None,
+        ge=1,
+        description="number of segments beyond which the oldest are deleted; needs rotation",
+    )
+
+    @property
+    def rotates(self) -> bool:
+        """Whether a new segment is begun now and then."""
+        return self.rotate_size is not None or self.rotate_every is not None
+
+    @model_validator(mode="after")
+    def _limits_need_segments(self) -> Self:
+        if not self.rotates and (self.keep_size is not None or self.keep_segments is not None):
+            raise ValueError(
+                "keep_size and keep_segments delete whole segments: expected rotate_size or "
+                "rotate_every beside them, got neither"
+            )
+        return self

@@ -55,7 +55,10 @@ def ask(session: "zenoh.Session", robot: str, timeout: float = 2.0) -> list[Epis
     """Ask all recorders of ``robot`` for their states; ignore invalid answers."""
     states = []
     for reply in session.get(
-        EPISODES.key(robot, "*"), target=zenoh.QueryTarget.ALL, timeout=timeout
+        EPISODES.key(robot, "*"),
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+        timeout=timeout,
     ):
         if reply.ok is None:
             continue

@@ -4,7 +4,6 @@ It answers queries about schemas and episodes. As an observer it publishes nothi
 """
 
 import logging
-import os
 import secrets
 import sys
 import time
@@ -21,18 +20,17 @@ from common.transport.schema_query import SchemaServer
 from common.transport.session import new_boot_id, open_session
 from common.transport.tap import RawTap
 from services.logger.errors import LoggerError
-from services.logger.log_format import write_error
 from services.logger.read.delivery import DeliveryCount
 from services.logger.read.episodes import EpisodeBook
 from services.logger.read.info import read_episodes
 from services.logger.read.locks import is_locked
-from services.logger.read.segments import existing_segments, next_segment
+from services.logger.read.segments import existing_segments
 from services.logger.record.attach import descriptions_of, find_robot
 from services.logger.record.config import LoggerConfig
 from services.logger.record.episode_queries import EpisodeQueryServer
+from services.logger.record.files import RecordingFiles, check_space, make_directory
 from services.logger.record.recorder import Recorder
 from services.logger.record.selection import Selection
-from services.logger.record.sink import McapSink
 from services.logger.record.status import Status
 
 _log = logging.getLogger("trill.logger")
@@ -40,6 +38,8 @@ _log = logging.getLogger("trill.logger")
 NAME = "logger"
 HEALTH_PERIOD = 0.5
 """Time between health messages [s]."""
+SILENCE = 2.0
+"""Without any message for so long a person is told where the recorder listens [s]."""
 QUERY_PERIOD = 5.0
 """First time between queries for missing schemas [s]; it grows while there is no answer."""
 _LONGEST_QUERY_PERIOD = 60.0
@@ -77,7 +77,8 @@ def record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str,
         BusError: the bus cannot be opened.
         ConfigError: a pattern of topics is invalid.
     """
-    _make_directory(options.path)
+    make_directory(options.path)
+    check_space(options.path, options.config.min_free)
     busy = next((p for p in existing_segments(options.path) if p.exists() and is_locked(p)), None)
     if busy is not None:
         raise LoggerError(
@@ -108,26 +109,15 @@ class _Recording:
         self._robot = robot
         config = options.config
         self._selection = Selection(robot, config.topics, config.exclude)
-        about = {
-            "session": secrets.token_hex(8),
-            "topics": " ".join(config.topics),
-            "exclude": " ".join(config.exclude),
-        }
-
-        def new_segment() -> McapSink:
-            path = next_segment(options.path)
-            asked = ", ".join(f"{robot}/{topic}" for topic in config.topics) or f"{robot}/**"
-            _log.info("recording %s to %s", asked, path)
-            return McapSink(path, robot, config, about)
-
+        about = {"topics": " ".join(config.topics), "exclude": " ".join(config.exclude)}
+        files = RecordingFiles(options.path, robot, config, secrets.token_hex(8), about)
         earlier = [path for path in existing_segments(options.path) if path.exists()]
         numbers = [one.episode for one in read_episodes(earlier)]
-        rotates = config.rotate_size is not None or config.rotate_every is not None
         self._recorder = Recorder(
-            new_segment(),
+            files.open_next(),
             config,
             robot=robot,
-            next_sink=new_segment if rotates else None,
+            next_sink=files.open_next if config.rotates else None,
             episodes=EpisodeBook(next_number=max(numbers, default=-1) + 1),
         )
         self._query_at = 0.0
@@ -157,6 +147,7 @@ class _Recording:
                 tap.close()
         finally:
             report = recorder.stop()
+        check_space(recorder.path, options.config.min_free)
         if tap.error is not None:
             raise LoggerError(
                 f"receiving failed: {type(tap.error).__name__}: {tap.error}; {recorder.path} has "
@@ -170,14 +161,25 @@ class _Recording:
         period_ns = round(1e9 * options.config.drain_period)
         stats = LoopStats(NAME, period_ns, options.realtime)
         health = None if options.observe else _Health(self._session, self._robot)
-        status = Status(self._recorder, options.config.low_disk, sys.stderr, live=options.live)
+        config = options.config
+        status = Status(
+            self._recorder, config.low_disk, sys.stderr, live=options.live, min_free=config.min_free
+        )
         self._query_at = time.monotonic() + QUERY_PERIOD
+        silent_at: float | None = time.monotonic() + SILENCE
         while not (stopping() or self._recorder.error or tap.error):
             started = time.monotonic_ns()
             now = 1e-9 * started
             if health is not None:
                 health.update(now, stats)
+            if silent_at is not None and (tap.received or now >= silent_at):
+                if not tap.received:
+                    status.end()
+                    _log.warning("%s", silence_text(options.bus, self._robot, options.config))
+                silent_at = None
             status.update(now)
+            if status.is_full:
+                break
             took = time.monotonic_ns() - started
             stats.count(took, took > period_ns)
             self._query_again(now, tap)
@@ -199,6 +201,21 @@ class _Recording:
         self._query_at = now + self._query_period
 
 
+def silence_text(bus: BusConfig, robot: str, config: LoggerConfig) -> str:
+    """Return what to say when nothing was heard: where it was looked for, and what may help."""
+    if bus.mode == "client":
+        where = f"as a client of {', '.join(bus.connect_endpoints(NAME))}"
+        help_ = "check the address of --connect and the name of --robot"
+    else:
+        where = f"beside a robot on this machine or network, at base port {bus.base_port}"
+        help_ = (
+            "is it running (trill up), and with this --base-port and --robot? A robot in "
+            "containers or on another machine takes --connect tcp/HOST:7447"
+        )
+    topics = f" of {', '.join(config.topics)}" if config.topics else ""
+    return f"nothing{topics} heard from {robot} for {SILENCE:g} s {where}: {help_}; still listening"
+
+
 class _Health:
     """Publishes the logger's own health."""
 
@@ -215,17 +232,3 @@ class _Health:
     def close(self) -> None:
         self._schemas.close()
         self._publisher.close()
-
-
-def _make_directory(path: Path) -> None:
-    """Make the directory of ``path`` before the bus is opened.
-
-    Raises:
-        LoggerError: it cannot be made or written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if not os.access(path.parent, os.W_OK):
-            raise PermissionError(13, "Permission denied")
-    except OSError as error:
-        raise write_error(path, error) from error

@@ -194,7 +194,7 @@ class McapSink:
 
 
 def _origin(robot: str) -> dict[str, str]:
-    return {
+    return _boot() | {
         "robot": robot,
         "clock": "CLOCK_MONOTONIC",
         "monotonic_ns": str(time.monotonic_ns()),
@@ -202,6 +202,16 @@ def _origin(robot: str) -> dict[str, str]:
         "host": platform.node(),
         "python": platform.python_version(),
     }
+
+
+def _boot() -> dict[str, str]:
+    """Return what tells the monotonic clock of this boot from others, as far as the system says."""
+    found = {}
+    with contextlib.suppress(OSError):
+        found["boot_id"] = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    with contextlib.suppress(AttributeError, OSError):
+        found["boottime_ns"] = str(time.clock_gettime_ns(time.CLOCK_BOOTTIME))
+    return found
 
 
 @contextlib.contextmanager

@@ -16,10 +16,18 @@ _WARN_PERIOD = 60.0
 
 
 class Status:
-    """Rewrites one status line, and warns when the disk is nearly full."""
+    """Rewrites one status line, and warns when the disk is nearly full.
 
-    def __init__(self, recorder: Recorder, low_disk: int, stream: TextIO, *, live: bool) -> None:
+    Attributes:
+        is_full: whether less than ``min_free`` bytes were free at last.
+    """
+
+    def __init__(
+        self, recorder: Recorder, low_disk: int, stream: TextIO, *, live: bool, min_free: int = 0
+    ) -> None:
         """Show ``recorder`` on ``stream``; without ``live`` only warn."""
+        self.is_full = False
+        self._min_free = min_free
         self._recorder = recorder
         self._low_disk = low_disk
         self._stream = stream
@@ -34,6 +42,7 @@ class Status:
         if now - self._then < PERIOD:
             return
         free = shutil.disk_usage(self._recorder.path.parent).free
+        self.is_full = free < self._min_free
         messages, size = self._recorder.messages, self._recorder.bytes
         seconds = now - self._then
         rate = (size - self._bytes) / seconds

@@ -1,4 +1,4 @@
-"""Sizes and times as people write them: ``2GB``, ``500MiB``, ``10min``, ``90s``."""
+"""Sizes, times and lists of topics as people write them: ``2GB``, ``10min``, ``plant/*,wbc/**``."""
 
 import re
 
@@ -34,6 +34,11 @@ def parse_duration(text: str) -> float:
     if match is None or factor is None:
         raise LoggerError(f"{text!r} is not a time; expected e.g. 10min, 90s or 1h")
     return float(match[1]) * factor
+
+
+def parse_patterns(text: str) -> tuple[str, ...]:
+    """Split patterns of topics at commas and blanks, for every option that takes some."""
+    return tuple(part for part in re.split(r"[\s,]+", text) if part)
 
 
 def format_size(size: float) -> str:

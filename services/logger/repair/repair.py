@@ -30,7 +30,7 @@ from services.logger.read.locks import keep_original, locked
 from services.logger.read.mcap_file import McapFile, open_mcap
 from services.logger.read.rebuild import DeliveryRebuilder
 from services.logger.read.recovery import Losses, recover
-from services.logger.repair.verify import OnProgress, fault_of
+from services.logger.repair.verify import OnProgress, fault_of, stated_messages
 
 _PROGRESS_STEP = 2**20
 """Between two calls of ``on_progress`` [bytes]."""
@@ -46,6 +46,7 @@ class RepairResult:
         output: the whole file.
         kept: new name of the broken file; None if there is none, or it was not replaced.
         messages: number of messages in the output.
+        stated: number of messages that the broken file should hold, where that is more.
         unknown: number of messages left out because their channel is not described.
         losses: what could not be read.
         report: delivery counts by key.
@@ -56,6 +57,7 @@ class RepairResult:
     output: Path
     kept: Path | None = None
     messages: int = 0
+    stated: int = 0
     unknown: int = 0
     losses: Losses = field(default_factory=Losses)
     report: dict[str, DeliveryCount] = field(default_factory=dict)
@@ -73,7 +75,8 @@ def repair(
     Args:
         path: one file; the segments of a recording are repaired one by one.
         out: write the result here and leave ``path`` as it is.
-        discard_original: do not keep the broken file as ``<name>.broken``.
+        discard_original: do not keep the broken file as ``<name>.broken``, unless fewer messages
+            come out of it than it should hold.
         on_progress: called during the check and again during the rewriting.
 
     Raises:
@@ -94,7 +97,10 @@ def repair(
             with whole_file(target) as rewritten:
                 rebuilt, losses = _rewrite(path, rewritten, fault, on_progress)
                 _read_back(rewritten, rebuilt.messages)
-                kept = None if out is not None or discard_original else keep_original(path)
+                stated = stated_messages(path, walk=out is None and discard_original)
+                lacking = stated > rebuilt.messages
+                keep = out is None and (lacking or not discard_original)
+                kept = keep_original(path) if keep else None
         except OSError as error:
             raise write_error(target, error) from error
     return RepairResult(
@@ -103,6 +109,7 @@ def repair(
         target,
         kept,
         rebuilt.messages,
+        stated if lacking else 0,
         rebuilt.unknown,
         losses,
         rebuilt.stats.report(),

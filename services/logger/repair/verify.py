@@ -1,5 +1,6 @@
 """Checks whether a log file is whole."""
 
+import contextlib
 import struct
 import zlib
 from collections import Counter
@@ -9,7 +10,9 @@ from pathlib import Path
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Footer, MessageIndex
+from mcap.reader import SeekingReader
+from mcap.records import Footer, Message, MessageIndex
+from mcap.stream_reader import StreamReader
 
 from services.logger.errors import DamagedLogError
 from services.logger.read.chunks import DECODE_ERRORS
@@ -19,6 +22,8 @@ from services.logger.read.mcap_file import MAGIC, McapFile, open_mcap
 OnProgress = Callable[[int, int], None]
 """Called with how much of a file is done and how large it is [bytes]."""
 
+_PROGRESS_STEP = 2**20
+"""Between two calls of :data:`OnProgress` [bytes]."""
 _MESSAGE_IN_CHUNK = struct.Struct("<BQHIQ")
 """How a message record begins: opcode, length, channel, sequence, log time."""
 
@@ -55,15 +60,18 @@ def _check_records(file: McapFile, on_progress: OnProgress | None) -> Footer:
         raise DamagedLogError("its index is unreadable")
     counts: Counter[int] = Counter()
     chunks: list[int] = []
-    metadata = 0
+    metadata = reported = 0
     inside = b""
     footer: Footer | None = None
     for span in file.spans():
+        if on_progress is not None and span.start >= reported + _PROGRESS_STEP:
+            reported = span.start
+            on_progress(reported, file.size)
         if span.opcode == Opcode.CHUNK:
             inside = file.chunk_data(span)
             chunks.append(span.start)
-            if on_progress is not None:
-                on_progress(span.end, file.size)
+        elif span.opcode == Opcode.MESSAGE:
+            counts.update(m.channel_id for m in file.records(span) if isinstance(m, Message))
         elif span.opcode == Opcode.MESSAGE_INDEX:
             body = file.bytes_of(span.body, span.end)
             found = MessageIndex.read(ReadDataStream(BytesIO(body)))
@@ -75,11 +83,33 @@ def _check_records(file: McapFile, on_progress: OnProgress | None) -> Footer:
             footer = next((r for r in file.records(span) if isinstance(r, Footer)), None)
     if footer is None or span.end != file.size - len(MAGIC):
         raise DamagedLogError(f"its records end at byte {span.end} of {file.size}")
-    if +counts != +index.counts or chunks != [place.offset for place in index.chunks]:
+    placed = index.unplaced or chunks == [place.offset for place in index.places]
+    if +counts != +index.counts or not placed:
         raise DamagedLogError("its index does not fit its messages")
     if metadata != len(index.metadata) or not counts.keys() <= index.channels.keys():
         raise DamagedLogError("its index leaves records out")
     return footer
+
+
+def stated_messages(path: Path, *, walk: bool) -> int:
+    """Return how many messages the file should hold at least, whatever this project reads of it.
+
+    That is what its statistics say. Without these it is what the MCAP library reads before it
+    fails, which takes long, or 0 without ``walk``.
+    """
+    with path.open("rb") as stream:
+        with contextlib.suppress(*DECODE_ERRORS):
+            summary = SeekingReader(stream).get_summary()
+            if summary is not None and summary.statistics is not None:
+                return int(summary.statistics.message_count)
+        stream.seek(0)
+        count = 0
+        if not walk:
+            return count
+        with contextlib.suppress(*DECODE_ERRORS):
+            for record in StreamReader(stream, validate_crcs=True).records:
+                count += isinstance(record, Message)
+    return count
 
 
 def _check_message_index(index: MessageIndex, inside: bytes) -> None:

@@ -10,7 +10,7 @@ from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMa
 
 from common.robot.joints import JOINT_NAMES
 from common.topics import ALL_TOPICS
-from services.logger.export.ros import camera_frame
+from services.logger.export.robot import camera_frame
 from services.logger.export.spatial import WORLD_FRAME
 
 RED, BLUE, ORANGE = (225, 87, 89), (78, 121, 167), (242, 142, 43)

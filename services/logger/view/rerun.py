@@ -1,5 +1,6 @@
 """Opens a log in Rerun: converted, with the robot's shapes and a layout, kept beside the log."""
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from services.logger.export.convert import OnProgress, Summary, export_log
-from services.logger.read.segments import existing_segments
+from services.logger.read.segments import existing_segments, find_segments
 
 APPLICATION = "trill"
 SUFFIX = "-view.rrd"
@@ -38,24 +39,35 @@ def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> tuple[Path, S
         exported = Path(work) / "exported.mcap"
         summary = export_log(log, exported, on_progress=on_progress)
         unfinished = Path(work) / path.name
-        write_recording(exported, unfinished, name=log.parent.name)
+        write_recording(
+            exported, unfinished, name=f"{log.parent.name}/{log.stem}", identity=identity_of(log)
+        )
         unfinished.replace(path)
     return path, summary
 
 
-def write_recording(exported: Path, path: Path, name: str) -> None:
+def identity_of(log: Path) -> str:
+    """Return what tells a log from any other: Rerun takes two of one identity for the same."""
+    first = find_segments(log)
+    place = hashlib.sha256(str(first.paths[0].absolute()).encode()).hexdigest()[:16]
+    return f"{first.recording or place}-{log.stem}"
+
+
+def write_recording(exported: Path, path: Path, name: str, identity: str) -> None:
     """Write a file of :func:`export_log` as a Rerun recording, the .rrd file ``path``.
 
-    It has robot shapes and layout; the viewer shows ``name``.
+    It has robot shapes and layout; the viewer shows ``name`` and tells it from others by
+    ``identity``.
     """
     import rerun as rr
     from rerun.chunk import McapReader, OptimizationProfile
 
     from services.logger.view.layout import blueprint
 
-    # Heartbeats are many and show nothing that the ages of the links do not.
-    reader = McapReader(exported, exclude_topic_regex=["^/heartbeat/"])
-    recording = rr.RecordingStream(APPLICATION, recording_id=name)
+    # Heartbeats are many and show nothing that the ages of the links do not; the layout shows the
+    # cameras' images by themselves.
+    reader = McapReader(exported, exclude_topic_regex=["^/heartbeat/", "/camera_info$"])
+    recording = rr.RecordingStream(APPLICATION, recording_id=identity)
     topics = [channel.topic for channel in reader.info().channels]
     recording.save(path, default_blueprint=blueprint(topics))
     recording.send_recording_name(name)

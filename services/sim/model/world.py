@@ -28,6 +28,12 @@ IMPRATIO = 20.0
 """Ratio of frictional to normal constraint impedance: feet and grasps creep without it."""
 
 _FINGERS = tuple(name for names in FINGER_JOINTS.values() for name in names)
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_QPOS_PARTS = {
+    int(mujoco.mjtJoint.mjJNT_FREE): ("x", "y", "z", *_QUATERNION),
+    int(mujoco.mjtJoint.mjJNT_BALL): _QUATERNION,
+}
+"""Names of the positions of a joint that has more than one, by its type."""
 _FAINT_BLUE = [0.62, 0.72, 0.82]
 
 
@@ -197,3 +203,19 @@ def find_addresses(model: Any) -> Addresses:
         feet=np.array([model.geom(FOOT_GEOMS[side]).id for side in sides]),
         scene=1 + max(int(model.joint(n).qposadr[0]) for n in (*JOINT_NAMES, *_FINGERS)),
     )
+
+
+def scene_names(model: Any, addresses: Addresses) -> list[str]:
+    """Return a name for each of the scene's joint positions, in the order of ``qpos``.
+
+    A hinge or slide is called as its joint; a free body as ``trolley.x``, ``trolley.qw`` and so on.
+    """
+    names: list[str] = []
+    for index in range(model.njnt):
+        joint = model.joint(index)
+        if int(joint.qposadr[0]) < addresses.scene:
+            continue
+        name = joint.name or model.body(int(joint.bodyid[0])).name
+        parts = _QPOS_PARTS.get(int(joint.type[0]))
+        names += [f"{name}.{part}" for part in parts] if parts else [name]
+    return names

@@ -3,14 +3,16 @@
 import logging
 import math
 from collections import deque
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from common.plant.config import PHYSICS_STEP_NS
-from common.plant.fallback import damp_target, hold_target
+from common.plant.fallback import Hold, damp_target, hold_target, plan_hold
 from common.plant.guard import Guard
 from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
+from common.plant.stop import StopRecord
 from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
 from common.schemas.arrays import Float64Array as Array
@@ -31,6 +33,12 @@ FALLEN_HEIGHT = 0.5
 """Torso height below which the robot has fallen [m]."""
 FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
 """Cosine of the torso's tilt below which the robot has fallen."""
+
+FARTHEST = 1e4
+"""Norm of all positions beyond which the physics has diverged [m, rad]."""
+FASTEST = 1e3
+"""Norm of all speeds beyond which it has [m/s, rad/s]; the hardest push reaches 280."""
+_FARTHEST_SQUARED, _FASTEST_SQUARED = FARTHEST**2, FASTEST**2
 
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
@@ -56,7 +64,8 @@ class Plant:
         command_ages: ages of the state behind each of the last 1024 commands when applied [s].
     """
 
-    def __init__(self, config: SimConfig | None = None) -> None:
+    def __init__(self, config: SimConfig | None = None, stop: StopRecord | None = None) -> None:
+        """Build the model; a latched ``stop`` is in force from the beginning."""
         self.config = _with_task(config or SimConfig())
         # MuJoCo's own handler writes a log file into the working directory.
         mujoco.set_mju_user_warning(_log_warning)
@@ -91,6 +100,8 @@ class Plant:
         self.reset_count = -1
         self.reset()
         self._settle_into_floor()
+        self.guard = Guard(self.config.guard, stop)
+        self.reset()
 
     def reset(self, seed: int | None = None) -> None:
         """Put the robot back to its start at rest, with a silent guard; robot time goes on.
@@ -114,6 +125,7 @@ class Plant:
         self.fallen = False
         self._push_until_ns = 0
         self._mode = GuardMode.SILENT
+        self._hold: Hold | None = None
         self._target = hold_target(
             self.now_ns, self._qpos[self.addresses.qpos], self._standing_torque
         )
@@ -128,7 +140,6 @@ class Plant:
         self._standing[2] = self._qpos[2]
         self.now_ns = START_NS - PHYSICS_STEP_NS
         self.reset_count = -1
-        self.reset()
 
     def _draw_start_pose(self) -> None:
         """Draw position and heading within the configured spread."""
@@ -140,12 +151,13 @@ class Plant:
 
     def offer(self, command: JointCommand) -> bool:
         """Pass a command through the guard and return whether it is applied."""
-        if not self.guard.offer(command, self.now_ns):
+        measured = self._qpos[self.addresses.qpos]
+        if not self.guard.offer(command, self.now_ns, measured):
             return False
         stamp = command.header.stamp
         self._target = motor_target(
             stamp,
-            command.position,
+            self.guard.eased(command.position, self.now_ns, measured),
             command.velocity,
             command.acceleration,
             command.torque,
@@ -155,10 +167,6 @@ class Plant:
         self.data.ctrl[self.addresses.grippers] = jaw_command(command.gripper_closure)
         self.command_ages.append((self.now_ns - stamp) * 1e-9)
         return True
-
-    def estop(self) -> None:
-        """Stop in an emergency: the motors only damp until the guard is reset."""
-        self.guard.estop()
 
     def push(self, force: Array, duration: float) -> None:
         """Push the torso at its centre of mass.
@@ -174,12 +182,14 @@ class Plant:
         """Advance by one physics step.
 
         Raises:
-            PlantDivergedError: the physics produced NaN; only :meth:`reset` helps.
+            PlantDivergedError: the physics of robot or scene diverged; only :meth:`reset` helps.
         """
         self.fallen = self.fallen or self._is_down()
         mode = self.guard.tick(self.now_ns, self.fallen)
         if mode is not self._mode:
             self._enter(mode)
+        if self._hold is not None:
+            self._follow(self._hold)
         servo = self.servo
         self._to_position.dot(self._qpos, out=servo.position)
         self._to_velocity.dot(self._qvel, out=servo.velocity)
@@ -187,16 +197,28 @@ class Plant:
         mujoco.mj_step(self.model, self.data)
         self.steps += 1
         self.now_ns += PHYSICS_STEP_NS
-        if math.isnan(self._qpos[2]):
-            raise PlantDivergedError(
-                f"the physics diverged {self.steps} steps after the reset: expected finite "
-                "positions, got NaN; reset the plant and lower gains or forces"
-            )
+        self._check_physics()
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
             self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
         if self.trial is not None and self._trial_from is not None:
             self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
+
+    def _check_physics(self) -> None:
+        """Refuse a state that robot or scene cannot have.
+
+        Raises:
+            PlantDivergedError: a position or velocity is not finite, or beyond all bounds.
+        """
+        qpos, qvel = self._qpos, self._qvel
+        # NaN compares as out of bounds, and one entry of it is enough.
+        if qpos.dot(qpos) <= _FARTHEST_SQUARED and qvel.dot(qvel) <= _FASTEST_SQUARED:
+            return
+        raise PlantDivergedError(
+            f"the physics diverged {self.steps} steps after the reset: expected positions and "
+            f"speeds below {FARTHEST:g} m and {FASTEST:g} m/s (rad, rad/s), got "
+            f"{_worst(self.model, qpos, qvel)}; reset the plant and lower gains or forces"
+        )
 
     def _is_down(self) -> bool:
         return (
@@ -207,20 +229,30 @@ class Plant:
     def _enter(self, mode: GuardMode) -> None:
         _LOG.info("guard: %s at %.3f s%s", mode.name, self.now_ns * 1e-9, " (fallen)" * self.fallen)
         self._mode = mode
+        self._hold = None
         command = self.guard.command
         if mode is GuardMode.ACTIVE and self._trial_from is None:
             self._trial_from = self.steps
         if mode is GuardMode.HOLD and command is not None:
-            # The last feed-forward torque keeps carrying the weight; without it the robot sags.
-            torque = MOTOR_TO_JOINT @ (JOINT_TO_MOTOR @ command.torque)
-            position = self._qpos[self.addresses.qpos]
-            self._target = hold_target(self.now_ns, position, torque)
+            self._hold = plan_hold(
+                self.now_ns,
+                self._qpos[self.addresses.qpos],
+                self._qvel[self.addresses.qvel],
+                command.torque,
+                foot_normal_forces(self.data, self.addresses.feet),
+            )
         elif mode in (GuardMode.DAMP, GuardMode.ESTOP):
             self._target = damp_target(self.now_ns)
+
+    def _follow(self, hold: Hold) -> None:
+        self._target = hold.target(self.now_ns)
+        if self.now_ns >= hold.end_ns:
+            self._hold = None
 
     def truth(self) -> PlantState:
         """Return the exact state now."""
         addresses, qpos, qvel = self.addresses, self._qpos, self._qvel
+        controller = self.guard.controller
         # Not validated: the shapes are MuJoCo's, and receivers check the numbers.
         return PlantState.model_construct(
             header=Header(stamp=self.now_ns),
@@ -234,6 +266,10 @@ class Plant:
             gripper_closure=jaw_closure(0.5 * qpos[addresses.fingers_qpos].sum(axis=1)),
             foot_normal_force=foot_normal_forces(self.data, addresses.feet),
             reset_count=self.reset_count,
+            guard=self.guard.mode,
+            fallen=self.fallen,
+            controller_boot=0 if controller is None else controller.boot,
+            torque_mode=self.config.torque_mode.value,
         )
 
     def measured(self) -> PlantState:
@@ -272,6 +308,20 @@ def _with_task(config: SimConfig) -> SimConfig:
         )
     noise = config.noise if "noise" in given else task.noise
     return config.model_copy(update={"scene": task.scene, "noise": noise})
+
+
+def _worst(model: Any, qpos: Array, qvel: Array) -> str:
+    """Name the joint with the worst number, and the number."""
+    for name, values, address, bound in (
+        ("position", qpos, model.jnt_qposadr, FARTHEST),
+        ("speed", qvel, model.jnt_dofadr, FASTEST),
+    ):
+        # NaN counts as the largest.
+        index = int(np.abs(values).argmax())
+        if not abs(values[index]) <= bound:
+            joint = model.joint(int(np.searchsorted(address, index, side="right")) - 1)
+            return f"{name} {values[index]:g} of {joint.name or 'an unnamed joint'}"
+    return "many large numbers"
 
 
 def _log_warning(text: str) -> None:

@@ -1,5 +1,6 @@
 """Off-screen rendering through EGL."""
 
+import os
 import sys
 from typing import Any
 
@@ -7,13 +8,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from common.packages import graphics_hint
 from services.sim.errors import RenderingUnavailableError
 
 Image = NDArray[np.uint8]
 """(height, width, 3) RGB, row 0 on top."""
 
-_HINT = (
-    "no off-screen OpenGL: install libegl1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri; "
+_INSTALL = (
+    "install libegl1 (Debian, Ubuntu: apt install libegl1 libgl1-mesa-dri; "
     "Fedora: dnf install mesa-libEGL mesa-dri-drivers). Everything but pictures runs without it."
 )
 
@@ -21,6 +23,15 @@ _HINT = (
 _SHADOW_NEAR = 0.005
 """Near plane of pictures with shadows, in extents of the model. The light's depth map has the same
 near plane; with a farther one its shadows speckle the floor."""
+
+
+def _remedy() -> str:
+    """Return what to do: variables that are left set come before packages that may be missing."""
+    if hint := graphics_hint("PYOPENGL_PLATFORM"):
+        return hint
+    if device := os.environ.get("MUJOCO_EGL_DEVICE_ID"):
+        return f"MUJOCO_EGL_DEVICE_ID={device} chooses a device; unset it or choose another"
+    return _INSTALL
 
 
 class Offscreen:
@@ -54,7 +65,9 @@ class Offscreen:
             self._gl.make_current()
         except Exception as error:
             # PyOpenGL raises AttributeError, ImportError, RuntimeError or its own EGLError.
-            raise RenderingUnavailableError(f"{_HINT} ({type(error).__name__}: {error})") from error
+            raise RenderingUnavailableError(
+                f"no off-screen OpenGL: {_remedy()} ({type(error).__name__}: {error})"
+            ) from error
         self._model = model
         if not plain:
             model.vis.map.znear = min(model.vis.map.znear, _SHADOW_NEAR)

@@ -27,6 +27,7 @@ from common.robot.rotations import (
 from common.robot.workspace import clamp_to_workspace
 from common.schemas import DeviceInput, Gait, GaitRequest, HandController, Header, Setpoint
 from common.schemas.arrays import Float64Array as Array
+from common.topics import TELEOP_DEVICE
 from services.teleop.targets.hand import nominal_pose
 
 
@@ -51,7 +52,9 @@ class MapperConfig(BaseModel):
         description="distance to the gripper's closure at which an engaged trigger takes over",
     )
     stale_after: float = Field(
-        default=0.25, gt=0.0, description="silence after which the clutches release [s]"
+        default=TELEOP_DEVICE.max_age,
+        gt=0.0,
+        description="silence after which the clutches release [s]",
     )
     head_moves_neck: bool = Field(
         default=True, description="whether the robot's neck follows the head's pitch"
@@ -206,6 +209,19 @@ class HeadsetMapper:
         self.next_id = first_id
         self._held: frozenset[Button] = frozenset(Button)
         self._last: float | None = None
+
+    def adopt(self, setpoint: Setpoint) -> None:
+        """Continue from another's set-point; a clutch that is held engages anew from there."""
+        poses = {
+            "left": (setpoint.left_hand_position_in_body, setpoint.left_hand_quaternion_in_body),
+            "right": (setpoint.right_hand_position_in_body, setpoint.right_hand_quaternion_in_body),
+        }
+        closures = np.clip(setpoint.gripper_closure, 0.0, 1.0).tolist()
+        for (side, (position, quaternion)), closure in zip(poses.items(), closures, strict=True):
+            hand = self.hands[side]
+            hand.target, hand.closure = Pose(position, quaternion), closure
+            hand.release()
+        self.neck = setpoint.neck_pitch
 
     def update(self, device: DeviceInput | None, now: float) -> list[GaitRequest]:
         """Apply a sample and return the gaits that it requests.

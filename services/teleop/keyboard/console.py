@@ -8,36 +8,43 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.estop import StopButton
 from common.runtime.service import Output
 from common.schemas import (
-    Estop,
-    Gait,
+    EstopClear,
     GaitOutcome,
     GaitReply,
     GaitRequest,
+    GuardMode,
     Header,
+    OperatorKind,
     PlantAction,
     PlantRequest,
+    PlantStatus,
+    Setpoint,
 )
 from common.schemas.arrays import Float64Array as Array
-from common.topics import ESTOP, PLANT_REQUEST, TELEOP_GAIT
+from common.topics import ESTOP_CLEAR, PLANT_REQUEST, TELEOP_GAIT
+from services.teleop.claim import Claimant
 from services.teleop.keyboard.keymap import (
-    BY_KEY,
     Action,
     Axis,
+    Binding,
     Command,
     MoveHands,
     PitchHead,
     RequestGait,
     SelectHands,
     TurnHands,
+    binding_of,
 )
+from services.teleop.keyboard.requests import SentRequest
 from services.teleop.targets.hand import SIDES, MotionLimits, home_pose
 from services.teleop.targets.targets import OperatorTargets
 
 GAITS_SHOWN = 3
-ANSWER_EXPECTED = 2.0
-"""Time after which a gait request is shown as unanswered [s]."""
+KEYS_KEPT = 8
+"""Largest number of keys that wait for the robot."""
 
 
 class KeyboardConfig(BaseModel):
@@ -59,91 +66,116 @@ class KeyboardConfig(BaseModel):
     push_duration: float = Field(default=0.1, gt=0.0, le=5.0, description="[s]")
 
 
-@dataclass(frozen=True)
-class SentRequest:
-    """A gait request and its latest answer.
-
-    Attributes:
-        request_id: of the request.
-        gait: requested.
-        since: operator's time of the last change [s].
-        outcome: None before any answer.
-        reason: of a refusal or abortion.
-    """
-
-    request_id: int
-    gait: Gait
-    since: float
-    outcome: GaitOutcome | None = None
-    reason: str = ""
-
-    def describe(self, now: float) -> str:
-        """Return one line for the screen; ``now`` is the operator's time [s]."""
-        name = self.gait.name.lower().replace("_", " ")
-        if self.outcome is None:
-            waited = now - self.since
-            silent = waited > ANSWER_EXPECTED
-            return f"{name}: {f'NO ANSWER for {waited:.0f} s' if silent else 'asked'}"
-        if self.outcome in {GaitOutcome.REFUSED, GaitOutcome.ABORTED}:
-            return f"{name}: {self.outcome.name} - {self.reason or 'no reason given'}"
-        return f"{name}: {self.outcome.name.lower()}"
-
-
 @dataclass
 class Console:
     """State of the keyboard operator.
 
+    Keys that move the robot count only while this operator has it. Pressed while nobody has it,
+    they ask for it, and take effect when the controller grants it.
+
     Attributes:
         config: step sizes.
         targets: hands, grippers, neck.
+        claimant: claim to the robot.
+        button: emergency stop.
+        plant: last status of the plant, if it is fresh.
         next_id: id of the next gait request.
         selected: sides of the hands that the keys move.
         requests: the last gait requests, oldest first.
         notice: last message to the person.
-        watching: reason for which commands to the robot are held back; empty: they are not.
-        paused: whether the plant is paused.
         quit: whether the person wants to quit.
     """
 
     config: KeyboardConfig = field(default_factory=KeyboardConfig)
     targets: OperatorTargets = field(init=False)
+    claimant: Claimant = field(default_factory=lambda: Claimant(OperatorKind.PERSON))
+    button: StopButton = field(default_factory=StopButton)
+    plant: PlantStatus | None = None
     next_id: int = 0
     selected: tuple[str, ...] = ("left",)
     requests: deque[SentRequest] = field(default_factory=lambda: deque(maxlen=GAITS_SHOWN))
     notice: str = ""
-    watching: str = ""
-    paused: bool = False
     quit: bool = False
-    _pressed: tuple[str, float] = ("", -math.inf)
+    _pressed: tuple[Binding | None, float] = (None, -math.inf)
+    _waiting: deque[Command] = field(default_factory=lambda: deque(maxlen=KEYS_KEPT))
+    _had_robot: bool = False
 
     def __post_init__(self) -> None:
         self.targets = OperatorTargets(self.config.limits)
-        self._home(SIDES)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the plant is seen to be stopped."""
+        return self.plant is not None and self.plant.guard is GuardMode.ESTOP
 
     def press(self, key: str, now: float, stamp: int) -> list[Output]:
-        """Return the messages to send for a key.
+        """Return the messages to send for a key; the emergency stop's come from the button.
 
         Args:
             key: name of the key.
             now: operator's time [s].
             stamp: last known robot time [ns].
         """
-        binding = BY_KEY.get(key)
+        binding = binding_of(key)
         if binding is None:
-            self.notice = f"{key!r} does nothing; the keys are listed below"
+            foreign = "" if key.isascii() else "; Backspace and Delete stop in every layout"
+            self.notice = f"{key!r} does nothing{foreign}; the keys are listed below"
             return []
         if binding.twice:
-            before, self._pressed = self._pressed, (key, now)
-            if before[0] != key or now - before[1] > self.config.repeat_window:
-                self.notice = f"press {key} once more to {binding.help}"
+            before, self._pressed = self._pressed, (binding, now)
+            if before[0] is not binding or now - before[1] > self.config.repeat_window:
+                self.notice = f"press {binding.keys[0]} once more to {binding.help}"
                 return []
-        self._pressed = ("", -math.inf)
+        self._pressed = (None, -math.inf)
         command = binding.command
-        if self.watching and _moves_robot(command):
-            self.notice = f"{binding.help}: not sent, {self.watching}"
+        if _moves_robot(command) and not self.claimant.has_robot:
+            self.notice = self._ask_for(command, binding.help, now)
             return []
         self.notice = binding.help
         return self._act(command, now, Header(stamp=stamp))
+
+    def follow(self, target: Setpoint | None, now: float, stamp: int) -> list[Output]:
+        """Take in whether it has the robot; return what keys that waited for it send.
+
+        Args:
+            target: present target of the controller, from which this operator starts.
+            now: operator's time [s].
+            stamp: last known robot time [ns].
+        """
+        has, had = self.claimant.has_robot, self._had_robot
+        self._had_robot = has
+        if not had and target is not None:
+            self.targets.adopt(target)
+        if has == had:
+            if self.claimant.give_up(now):
+                self._waiting.clear()
+                self.notice = f"not given to you: {self.claimant.waits_for()}; Enter asks again"
+            return []
+        if not has:
+            self._waiting.clear()
+            self.notice = (
+                "the stop took the robot from you; after its end Enter takes it anew"
+                if self.stopped
+                else f"you no longer have it: {self.claimant.waits_for()}"
+            )
+            return []
+        self.notice = "you have the robot; Enter gives it back"
+        commands = list(self._waiting)
+        self._waiting.clear()
+        return [output for each in commands for output in self._act(each, now, Header(stamp=stamp))]
+
+    def _ask_for(self, command: Command, name: str, now: float) -> str:
+        """Ask for the robot to carry out a command, if that takes it from nobody; say so."""
+        if self.stopped:
+            return f"{name}: not sent, the robot is stopped; b b ends the stop"
+        if self.claimant.asked is None and self.claimant.authority is None:
+            return f"{name}: not sent, {self.claimant.waits_for()}"
+        if self.claimant.asked is None and self.claimant.holder:
+            return f"{name}: not sent, {self.claimant.holder} has the robot; Enter takes it"
+        if self.claimant.asked is None:
+            self.claimant.ask(now)
+        self._waiting.append(command)
+        return f"{name}: asking for the robot"
 
     def update_requests(self, replies: Iterable[GaitReply], now: float) -> None:
         """Update the sent requests with replies; replies to other operators are ignored."""
@@ -172,10 +204,10 @@ class Console:
             case PitchHead(sign):
                 self.targets.look(self.targets.goal_neck + sign * self.config.angle_step)
             case Action():
-                return self._run(command, header)
+                return self._run(command, now, header)
         return []
 
-    def _run(self, command: Action, header: Header) -> list[Output]:
+    def _run(self, command: Action, now: float, header: Header) -> list[Output]:
         match command.name:
             case "grip":
                 self._grip()
@@ -184,17 +216,42 @@ class Console:
             case "push":
                 return [Output(PLANT_REQUEST, self._push(header))]
             case "pause":
-                action = PlantAction.RESUME if self.paused else PlantAction.PAUSE
+                paused = self.plant is not None and self.plant.paused
+                action = PlantAction.RESUME if paused else PlantAction.PAUSE
                 self.notice = f"{action.name.lower()} the plant"
                 return [Output(PLANT_REQUEST, PlantRequest(header=header, action=action))]
             case "reset":
+                self.notice = "reset the plant" + "; it stays stopped" * self.stopped
                 request = PlantRequest(header=header, action=PlantAction.RESET)
                 return [Output(PLANT_REQUEST, request)]
             case "estop":
-                return [Output(ESTOP, Estop(header=header, reason="keyboard operator"))]
+                self.button.press("a person pressed the key", round(now * 1e9))
+            case "clear":
+                return self._clear(header)
+            case "take":
+                self._take_or_give(now)
             case "quit":
                 self.quit = True
         return []
+
+    def _take_or_give(self, now: float) -> None:
+        if self.claimant.has_robot:
+            self.claimant.release()
+            self._had_robot = False
+            self.notice = "given back: whoever waits goes on"
+        elif self.stopped:
+            self.notice = "nobody has a stopped robot; b b ends the stop, then Enter takes it"
+        else:
+            self.claimant.ask(now)
+            self.notice = "asking for the robot"
+
+    def _clear(self, header: Header) -> list[Output]:
+        if self.plant is None or not self.stopped:
+            self.notice = "no stop to end, as far as the plant was heard"
+            return []
+        self.notice = "ending the stop; then Enter takes the robot"
+        clear = EstopClear(header=header, reason="a person at the keyboard", stops=self.plant.stops)
+        return [Output(ESTOP_CLEAR, clear)]
 
     def _for_selected(self, act: Callable[[str], None]) -> None:
         for side in self.selected:

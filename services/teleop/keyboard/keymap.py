@@ -1,9 +1,9 @@
-"""Keys of the keyboard operator: decoding of terminal input, and bindings; pure.
+"""Keys of the keyboard operator and what they do; pure.
 
 :data:`KEYMAP` holds all bindings; the help on the screen is generated from it.
 """
 
-import re
+import unicodedata
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -53,7 +53,7 @@ class PitchHead:
 class Action:
     """An action without parameters."""
 
-    name: Literal["grip", "home", "push", "pause", "reset", "estop", "quit"]
+    name: Literal["take", "grip", "home", "push", "pause", "reset", "estop", "clear", "quit"]
 
 
 Command = RequestGait | SelectHands | MoveHands | TurnHands | PitchHead | Action
@@ -68,17 +68,19 @@ class Binding:
         command: what they do.
         help: for the screen.
         twice: whether the key must be pressed twice in a row.
+        shown: the keys as shown in the help; empty: as they are called.
     """
 
     keys: tuple[str, ...]
     command: Command
     help: str
     twice: bool = False
+    shown: str = ""
 
     @property
     def label(self) -> str:
         """Keys as shown in the help."""
-        return " ".join(self.keys * 2) if self.twice else " ".join(self.keys)
+        return self.shown or " ".join(self.keys * 2 if self.twice else self.keys)
 
 
 KEYMAP: Final[tuple[Binding, ...]] = (
@@ -110,56 +112,52 @@ KEYMAP: Final[tuple[Binding, ...]] = (
     Binding(("c",), TurnHands("z", -1), "yaw right"),
     Binding(("p",), Action("push"), "push the torso"),
     Binding(("r",), Action("reset"), "reset the plant", twice=True),
-    Binding(("x",), Action("estop"), "EMERGENCY STOP", twice=True),
-    Binding(("Esc",), Action("quit"), "quit (or Ctrl-C)"),
+    Binding(("x", "Backspace", "Delete"), Action("estop"), "EMERGENCY STOP", shown="x/Bksp/Del"),
+    Binding(("b",), Action("clear"), "end the stop", twice=True),
+    Binding(("Enter",), Action("take"), "take / give back"),
+    Binding(("Esc", "Ctrl-c"), Action("quit"), "quit (or Ctrl-C)", shown="Esc"),
 )
 """All bindings, column by column as in the help."""
 
 BY_KEY: Final[dict[str, Binding]] = {key: b for b in KEYMAP for key in b.keys}
 
-_ARROWS: Final = {"A": "up", "B": "down", "C": "right", "D": "left"}
-_NAMED: Final = {" ": "space"}
-_PARAMETERS: Final = r"\x1b{1,2}\[[0-9;:<=>?]*[ -/]*"
-_SEQUENCE: Final = re.compile(
-    rf"(?P<part>(?:{_PARAMETERS}|\x1bO|\x1b+)\Z)"
-    rf"|{_PARAMETERS}(?P<csi>[@-~])|\x1bO(?P<ss3>.)|\x1b(?P<alt>.)|(?P<key>.)",
-    re.DOTALL,
+_X_ELSEWHERE: Final = (
+    "x"
+    "\u0447\u045f"  # Cyrillic: che (Russian, Ukrainian and others), dzhe (Serbian, Macedonian)
+    "\u03c7\u05e1"  # Greek, Hebrew
+    "\u0564\u0572\u0581"  # Armenian: basic, phonetic, eastern
+    "\u10ee\u10e9"  # Georgian: two layouts
+    "\u0621\u0637"  # Arabic, Persian
+    "\u0e1b\u0e9b\u1781\u1011"  # Thai, Lao, Khmer, Burmese
+    "\u0902\u0982\u0a02\u0a82\u0b02\u0b82\u0c02\u0c82\u0d02"  # Indian scripts
+    "\u314c\u30b5\u3055"  # Korean, Japanese
+    "\u2248\xf8"  # Alt-x of macOS, and of terminals that set the eighth bit
 )
-"""One key, or the incomplete one at the end of the input (ECMA-48 control sequences)."""
+"""Characters that the key called x gives in the usual layouts of other scripts.
+
+From the layouts of xkeyboard-config (position AB02). None of them has another meaning here, so the
+worst of a character too many is a stop too many.
+"""
 
 
-class KeyDecoder:
-    """Decodes the bytes of a terminal into names of keys.
+def _folded(char: str) -> str:
+    """Return a character without the difference of case and width."""
+    return unicodedata.normalize("NFKC", char).casefold()
 
-    Esc and the first byte of an arrow key are the same: an Esc counts as a key only if nothing has
-    followed by the next :meth:`feed`.
+
+STOP_CHARACTERS: Final = frozenset(map(_folded, _X_ELSEWHERE))
+"""What stops the robot, in whatever case and width it is typed."""
+
+
+def binding_of(key: str) -> Binding | None:
+    """Return the binding of a key, named as by the decoder; None if it has none.
+
+    Caps Lock and full-width letters make no difference. The stop also ignores the layout and every
+    modifier key: whoever needs it does not look which are down.
     """
-
-    def __init__(self) -> None:
-        self._pending = b""
-
-    def feed(self, data: bytes) -> list[str]:
-        """Return the keys completed by ``data``; call it at every poll, also without data."""
-        if not data:
-            waiting, self._pending = self._pending, b""
-            if not waiting:
-                return []
-            return ["Esc"] if waiting == b"\x1b" else ["unknown key"]
-        text = (self._pending + data).decode("utf-8", errors="replace")
-        keys: list[str] = []
-        position = 0
-        while match := _SEQUENCE.match(text, position):
-            if match["part"]:
-                break
-            keys.append(_name(match))
-            position = match.end()
-        self._pending = text[position:].encode()
-        return keys
-
-
-def _name(match: "re.Match[str]") -> str:
-    if sequence := match["csi"] or match["ss3"]:
-        return _ARROWS.get(sequence, "unknown key")
-    if match["alt"]:
-        return f"Alt-{match['alt']}"
-    return _NAMED.get(match["key"], match["key"])
+    *modifiers, plain = key.split("-") if len(key) > 1 else [key]
+    folded = _folded(plain) if len(plain) == 1 else plain
+    stop = BY_KEY["x"]
+    if folded in STOP_CHARACTERS or plain in stop.keys:
+        return stop
+    return BY_KEY.get("-".join((*modifiers, folded)))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from math import degrees, inf
 
-from common.schemas import ControllerState, OperatorStatus, PlantStatus
+from common.schemas import ControllerState, GuardMode, OperatorStatus, PlantStatus
 from services.teleop.keyboard.console import Console
 from services.teleop.keyboard.keymap import KEYMAP
 from services.teleop.targets.hand import SIDES, hand_rpy
@@ -38,16 +38,15 @@ class Feedback:
 def render(console: Console, feedback: Feedback, now: float) -> list[str]:
     """Return the lines of the screen, with colour codes; ``now`` is the operator's time [s]."""
     return [
-        _controller_line(feedback),
+        _controller_line(console, feedback),
         _tracking_line(feedback),
         _plant_line(feedback),
-        "",
+        _robot_line(console, feedback),
+        _stop_line(console, feedback, now) or _script_line(feedback),
         "   hand      x      y      z   roll  pitch   yaw   gripper   off by",
         *(_hand_line(console, side, feedback) for side in SIDES),
         _head_line(console, feedback),
-        "",
         *_gait_lines(console, now),
-        _script_line(feedback),
         f"{BOLD}{console.notice[:WIDTH]}{PLAIN}",
         *help_lines(),
     ]
@@ -67,12 +66,13 @@ def _age(age: float) -> str:
     return "never heard" if age == inf else f"{1e3 * age:.0f} ms ago"
 
 
-def _controller_line(feedback: Feedback) -> str:
+def _controller_line(console: Console, feedback: Feedback) -> str:
     state, age = feedback.controller, _age(feedback.controller_age)
     if state is None:
         return f"controller  {RED}{age}{PLAIN}"
     doing = f" {state.gait.name.lower()} {100 * state.gait_progress:.0f} %" if state.gait else ""
-    held = "" if state.setpoint_fresh else f"  {RED}SET-POINTS STALE: HANDS HELD{PLAIN}"
+    stale = console.claimant.has_robot and not state.setpoint_fresh
+    held = f"  {RED}SET-POINTS STALE: HANDS HELD{PLAIN}" if stale else ""
     return (
         f"controller  {BOLD}{state.state.name}{PLAIN}{doing}  "
         f"{state.gaits_completed} gaits done  {age}{held}"
@@ -96,9 +96,37 @@ def _plant_line(feedback: Feedback) -> str:
     marks = [name for name, on in (("FALLEN", plant.fallen), ("PAUSED", plant.paused)) if on]
     return (
         f"plant       {BOLD}{plant.guard.name}{PLAIN} {RED}{' '.join(marks)}{PLAIN} "
-        f"{plant.real_time_factor:.2f}x real time  falls {feedback.falls}  torque from state "
+        f"pace {plant.real_time_factor:.2f}x  falls {feedback.falls}  torque from state "
         f"{1e3 * plant.age_at_torque_median:.0f}/{1e3 * plant.age_at_torque_p99:.0f} ms old  {age}"
     )
+
+
+def _robot_line(console: Console, feedback: Feedback) -> str:
+    claimant, state = console.claimant, console.claimant.authority
+    if state is None:
+        return f"robot       {RED}no controller has said who has it{PLAIN}"
+    who = "YOU have" if claimant.has_robot else f"{claimant.holder or 'nobody'} has"
+    since = ""
+    if feedback.controller is not None:
+        ago = max(0.0, 1e-9 * (feedback.controller.header.stamp - state.since))
+        since = f" ({ago:.0f} s ago)"
+    waiting = f"; waiting: {', '.join(state.waiting)}" if state.waiting else ""
+    text = f"{who} it: {state.reason}{since * (state.changes > 0)}{waiting}"
+    return f"robot       {BOLD}{text[: WIDTH - 12]}{PLAIN}"
+
+
+def _stop_line(console: Console, feedback: Feedback, now: float) -> str:
+    pressed_ns, plant = console.button.pressed_ns, feedback.plant
+    if pressed_ns is not None:
+        waited = now - 1e-9 * pressed_ns
+        text = f"STOP SENT, NOT CONFIRMED for {waited:.1f} s: does the plant run?"
+    elif plant is not None and plant.guard is GuardMode.ESTOP:
+        text = f"STOPPED by {plant.stopped_by or 'somebody'}"
+        how = " - b b ends the stop"
+        text += f": {plant.stop_reason}"[: WIDTH - len(text) - len(how)] + how
+    else:
+        return ""
+    return f"{RED}{text[:WIDTH]}{PLAIN}"
 
 
 def _hand_line(console: Console, side: str, feedback: Feedback) -> str:

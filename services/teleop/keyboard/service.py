@@ -3,38 +3,43 @@
 from collections.abc import Sequence
 
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import OperatorStatus
+from common.schemas import Sender
 from common.topics import (
     CAMERA_LEFT,
     ESTOP,
+    ESTOP_CLEAR,
     PLANT_REQUEST,
     PLANT_STATUS,
+    TELEOP_CLAIM,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     TELEOP_STATUS,
+    WBC_AUTHORITY,
     WBC_REPLY,
     WBC_STATE,
+    WBC_TARGET,
 )
+from services.teleop.claim import own_replies
 from services.teleop.keyboard.console import Console, KeyboardConfig
-from services.teleop.keyboard.keymap import KeyDecoder
+from services.teleop.keyboard.decoder import KeyDecoder
 from services.teleop.keyboard.screen import Feedback, render
 from services.teleop.keyboard.terminal import Screen
 
 PERIOD_NS = 50_000_000
 """Set-points at 20 Hz."""
+STOP_PATIENCE_NS = 2_000_000_000
+"""Time for which leaving waits for the confirmation of an emergency stop [ns]."""
 LONGEST_STEP = 0.1
 """Largest time by which one step moves the targets [s]."""
-LISTENING = 1.0
-"""Time at the start to detect another operator [s]."""
 
 
 class KeyboardOperator(Service):
-    """Publishes set-points at 20 Hz, and requests of the keys.
+    """Publishes set-points at 20 Hz while it has the robot, and requests of the keys.
 
-    In its first second, and while a script is running, it only watches: it sends nothing that moves
-    the robot, follows the other operator's set-points, and then takes over from them without a
-    jump. Emergency stop, reset and pause always work. Request ids start at the runner's clock in
-    milliseconds.
+    It takes the robot by a key only: Enter, or one that moves the robot while nobody has it. Until
+    then it follows the controller's target, and so starts without a jump. Emergency stop, reset and
+    pause always work. When it ends it does not give the robot back: the hands rest, and nobody gets
+    it by itself. Request ids start at the runner's clock in milliseconds.
 
     It shows no pictures, but the delay of the left camera's behind the robot, with which a person
     would see.
@@ -43,42 +48,58 @@ class KeyboardOperator(Service):
     # Not "teleop": it may run beside a scripted operator, which has that name and port.
     name = "keyboard"
     period_ns = PERIOD_NS
-    reads = (WBC_STATE, WBC_REPLY, PLANT_STATUS, TELEOP_STATUS, TELEOP_SETPOINT, CAMERA_LEFT)
-    writes = (TELEOP_SETPOINT, TELEOP_GAIT, PLANT_REQUEST, ESTOP)
+    reads = (
+        WBC_STATE,
+        WBC_REPLY,
+        WBC_AUTHORITY,
+        WBC_TARGET,
+        PLANT_STATUS,
+        TELEOP_STATUS,
+        CAMERA_LEFT,
+    )
+    writes = (TELEOP_CLAIM, TELEOP_SETPOINT, TELEOP_GAIT, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)
 
     def __init__(self, screen: Screen, config: KeyboardConfig | None = None) -> None:
         """Read keys from and draw on ``screen``."""
         self.console = Console(config or KeyboardConfig())
         self._screen = screen
         self._decoder = KeyDecoder()
-        self._start_ns: int | None = None
-        self._last_ns = 0
+        self._last_ns: int | None = None
         self._drawn: list[str] = []
         self._falls = 0
         self._was_fallen = False
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Handle keys, advance and draw; see :class:`common.runtime.service.Service`."""
-        if self._start_ns is None:
-            self._start_ns, self._last_ns = now_ns, now_ns - self.period_ns
+        if self._last_ns is None:
+            self._last_ns = now_ns - self.period_ns
             self.console.next_id = now_ns // 1_000_000
-        now = (now_ns - self._start_ns) * 1e-9
+        now = now_ns * 1e-9
         dt = min((now_ns - self._last_ns) * 1e-9, LONGEST_STEP)
         self._last_ns = now_ns
 
-        feedback = self._feedback(inputs)
-        self._arbitrate(inputs, feedback.script, now)
-        self.console.update_requests(inputs.events(WBC_REPLY), now)
+        feedback, console = self._feedback(inputs), self.console
+        console.claimant.update(inputs, Sender(self.name, self.boot), stopped=console.stopped)
+        console.update_requests(own_replies(inputs.events(WBC_REPLY), self.boot), now)
         stamp = 0 if feedback.controller is None else feedback.controller.header.stamp
-        outputs = self._keys(now, stamp)
-        if not self.console.watching:
-            self.console.targets.advance(dt)
-            outputs.append(Output(TELEOP_SETPOINT, self.console.targets.setpoint(stamp)))
-        lines = render(self.console, feedback, now)
+        target = inputs.latest(WBC_TARGET) if inputs.fresh(WBC_TARGET) else None
+        outputs = console.follow(target, now, stamp)
+        outputs += self._keys(now, stamp)
+        outputs += console.claimant.claims(now_ns, stamp)
+        if console.claimant.has_robot:
+            console.targets.advance(dt)
+            outputs.append(Output(TELEOP_SETPOINT, console.targets.setpoint(stamp)))
+        heard = feedback.plant if inputs.updated(PLANT_STATUS) else None
+        stops = [Output(ESTOP, stop) for stop in console.button.poll(now_ns, heard, stamp)]
+        pressed_ns = console.button.pressed_ns
+        if console.quit and (pressed_ns is None or now_ns - pressed_ns > STOP_PATIENCE_NS):
+            self.exit_code = 0
+        lines = render(console, feedback, now)
         if lines != self._drawn:
             self._drawn = lines
             self._screen.draw(lines)
-        return outputs
+        # First what is most urgent.
+        return stops + outputs
 
     def close(self) -> None:
         """Restore the terminal."""
@@ -87,19 +108,17 @@ class KeyboardOperator(Service):
     def _keys(self, now: float, stamp: int) -> list[Output]:
         data = self._screen.read()
         if data is None:
-            self.exit_code = 0
+            self.console.quit = True
             return []
         outputs: list[Output] = []
         for key in self._decoder.feed(data):
             outputs += self.console.press(key, now, stamp)
-        if self.console.quit:
-            self.exit_code = 0
         return outputs
 
     def _feedback(self, inputs: Inputs) -> Feedback:
         plant, script = inputs.latest(PLANT_STATUS), inputs.latest(TELEOP_STATUS)
+        self.console.plant = plant if inputs.fresh(PLANT_STATUS) else None
         if plant is not None:
-            self.console.paused = plant.paused
             self._falls += plant.fallen and not self._was_fallen
             self._was_fallen = plant.fallen
         running = script is not None and inputs.fresh(TELEOP_STATUS) and not script.finished
@@ -120,18 +139,3 @@ class KeyboardOperator(Service):
         if controller is None or picture is None or not inputs.fresh(CAMERA_LEFT):
             return None
         return max(0.0, 1e-9 * (controller.header.stamp - picture.header.stamp))
-
-    def _arbitrate(self, inputs: Inputs, script: OperatorStatus | None, now: float) -> None:
-        """Decide whether this operator commands or only watches."""
-        other = inputs.latest(TELEOP_SETPOINT) if inputs.fresh(TELEOP_SETPOINT) else None
-        watched = self.console.watching
-        if script is not None:
-            self.console.watching = f"the script {script.script!r} has the robot"
-        elif now < LISTENING:
-            self.console.watching = "listening for other operators"
-        else:
-            self.console.watching = ""
-        if (self.console.watching or watched) and other is not None:
-            self.console.targets.adopt(other)
-            if not self.console.watching:
-                self.console.notice = f"taking over from {other.header.source or 'another'}"

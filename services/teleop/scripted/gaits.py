@@ -2,7 +2,8 @@
 
 A request that is sent again without an answer keeps its id, so that the controller can recognise
 it; after a refusal a new request gets a new id. The controller's state counts as an answer too, so
-that a lost reply does not end a script.
+that a lost reply does not end a script. A controller that was restarted is sent the request once
+more: it answers that it cannot know what became of the gait.
 """
 
 from collections.abc import Generator, Iterator, Sequence
@@ -49,7 +50,8 @@ class GaitClient:
         dt: time since the last tick [s].
         replies: received in this tick.
         controller: the controller's last state if it is fresh, else None.
-        completed: gaits completed so far; None: unknown.
+        controller_boot: id of the run of the controller that was last seen; 0: none was.
+        completed: gaits that this run has completed so far; None: unknown.
         outbox: requests to publish after this tick.
     """
 
@@ -58,6 +60,7 @@ class GaitClient:
     dt: float = 0.0
     replies: Sequence[GaitReply] = ()
     controller: ControllerState | None = None
+    controller_boot: int = 0
     completed: int | None = None
     outbox: list[GaitRequest] = field(default_factory=list)
 
@@ -66,6 +69,9 @@ class GaitClient:
     ) -> None:
         """Take in the time, the replies and the controller state of one tick."""
         self.dt, self.replies, self.controller = dt, replies, controller
+        if controller is not None and controller.header.boot != self.controller_boot:
+            # Another run counts its gaits anew.
+            self.controller_boot, self.completed = controller.header.boot, None
 
     def perform(self, gait: Gait) -> Iterator[None]:
         """Request ``gait`` until it is accepted, then wait for its end; yields once a tick.
@@ -92,7 +98,9 @@ class GaitClient:
 
     def _request(self, gait: Gait) -> Generator[None, None, str | None]:
         """Send one request; returns None when the gait is completed, else the refusal's reason."""
-        request = GaitRequest(request_id=self.next_id, gait=gait)
+        request = GaitRequest(
+            request_id=self.next_id, gait=gait, controller_boot=self.controller_boot
+        )
         self.next_id += 1
         if self.controller is not None:
             # The state may be older than the last reply, which counted one more gait.
@@ -118,6 +126,7 @@ class PendingRequest:
         self.request = request
         self.name = request.gait.name.lower()
         self.completed_before = completed_before
+        self.controller_boot = request.controller_boot
         self.reason = ""
         self.accepted = False
         self.sent = 0
@@ -181,7 +190,11 @@ class PendingRequest:
             self.accepted, self.waited = True, 0.0
 
     def _watch(self, state: ControllerState, client: GaitClient) -> None:
-        """Infer lost replies from the controller's state."""
+        """Infer lost replies, and a restart of the controller, from its state."""
+        if client.controller_boot != self.controller_boot:
+            self.controller_boot = client.controller_boot
+            self.accepted, self.sent, self.balancing = False, 0, 0.0
+            return
         before = self.completed_before
         one_more = before is not None and state.gaits_completed > before
         if self.waited >= client.patience.reply_timeout:

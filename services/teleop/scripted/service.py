@@ -11,20 +11,27 @@ from common.schemas import (
     ControllerState,
     ControlState,
     Gait,
+    GaitReply,
     GuardMode,
     Header,
+    OperatorKind,
     OperatorStatus,
     PlantStatus,
+    Sender,
 )
 from common.tables import validated
 from common.topics import (
     PLANT_STATUS,
+    TELEOP_CLAIM,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     TELEOP_STATUS,
+    WBC_AUTHORITY,
     WBC_REPLY,
     WBC_STATE,
+    WBC_TARGET,
 )
+from services.teleop.claim import Claimant, own_replies
 from services.teleop.errors import ScriptError
 from services.teleop.scripted.gaits import GaitClient, GaitPatience
 from services.teleop.scripted.player import ScriptContext, play
@@ -40,6 +47,7 @@ LONGEST_STEP = 0.1
 """Largest time by which one step moves the targets [s]."""
 STATUS_PERIOD = 0.2
 LABEL_WAITING = "waiting for the controller to balance"
+REMEDY = "end a stop with `trill resume`, stand the robot up with `trill reset`"
 
 
 class ScriptedConfig(BaseModel):
@@ -49,7 +57,14 @@ class ScriptedConfig(BaseModel):
 
     limits: MotionLimits = MotionLimits()
     patience: GaitPatience = GaitPatience()
-    start_timeout: float = Field(default=60.0, gt=0.0, description="timeout until BALANCE [s]")
+    start_timeout: float = Field(
+        default=60.0, gt=0.0, description="timeout until BALANCE and until it has the robot [s]"
+    )
+    trouble_timeout: float = Field(
+        default=5.0,
+        gt=0.0,
+        description="time for which it waits at its start for a fallen or stopped robot [s]",
+    )
     silence_timeout: float = Field(
         default=3.0, gt=0.0, description="time without a controller state after which it fails [s]"
     )
@@ -61,16 +76,18 @@ class ScriptedConfig(BaseModel):
 class ScriptedOperator(Service):
     """Publishes set-points at 20 Hz, and the script's gait requests once the robot balances.
 
-    After the script it goes on for ``linger`` seconds and sets ``exit_code``: 0, or 1 when the
-    script failed, with the reason in :attr:`failure`. The script's clock stops while the plant is
-    paused. Request ids start at the runner's clock in milliseconds, so that they are greater than
-    those of an earlier operator.
+    It does so while it has the robot, from the controller's target on. A person who takes the
+    robot pauses the script, which goes on when it gets the robot back; a fall or an emergency stop
+    ends it. After the script it goes on for ``linger`` seconds, gives the robot back and sets
+    ``exit_code``: 0, or 1 when the script failed, with the reason in :attr:`failure`. The script's
+    clock stops while the plant is paused. Request ids start at the runner's clock in milliseconds,
+    so that they are greater than those of an earlier operator.
     """
 
     name = "teleop"
     period_ns = PERIOD_NS
-    reads = (WBC_STATE, WBC_REPLY, PLANT_STATUS)
-    writes = (TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_STATUS)
+    reads = (WBC_STATE, WBC_REPLY, WBC_AUTHORITY, WBC_TARGET, PLANT_STATUS)
+    writes = (TELEOP_CLAIM, TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_STATUS)
 
     def __init__(self, script: Script, config: ScriptedConfig | None = None) -> None:
         """Prepare to play ``script``."""
@@ -82,12 +99,14 @@ class ScriptedOperator(Service):
         }
         self.failure = ""
         self.targets = OperatorTargets(self.config.limits)
-        self._context = ScriptContext(
-            self.targets, GaitClient(self.config.patience), label=LABEL_WAITING
-        )
+        self._claimant = Claimant(OperatorKind.SCRIPT)
+        self._began = False
+        self._replies: list[GaitReply] = []
+        self._context = ScriptContext(self.targets, GaitClient(self.config.patience))
         self._program: Iterator[None] | None = None
         self._steps_done = 0
-        self._waited = 0.0
+        self._waited = self._troubled = 0.0
+        self._waiting_for = LABEL_WAITING
         self._ended_for: float | None = None
         self._last_ns: int | None = None
         self._shown: OperatorStatus | None = None
@@ -111,27 +130,43 @@ class ScriptedOperator(Service):
 
         plant = inputs.latest(PLANT_STATUS) if inputs.fresh(PLANT_STATUS) else None
         paused = plant is not None and plant.paused
-        context = self._context
-        context.dt = 0.0 if paused else min(elapsed, LONGEST_STEP)
         controller = inputs.latest(WBC_STATE)
+        stamp = 0 if controller is None else controller.header.stamp
         fresh = controller if inputs.fresh(WBC_STATE) else None
-        # Replies and timeouts run on real time, however late this step is.
-        context.gaits.update(0.0 if paused else elapsed, inputs.events(WBC_REPLY), fresh)
+        has_robot = self._claim(inputs, plant)
+        context = self._context
+        context.dt = min(elapsed, LONGEST_STEP) if has_robot and not paused else 0.0
+        self._replies += own_replies(inputs.events(WBC_REPLY), self.boot)
+        if has_robot:
+            # Replies and timeouts run on real time, however late this step is.
+            context.gaits.update(0.0 if paused else elapsed, self._replies, fresh)
+            self._replies = []
         try:
             self._act(inputs, fresh, plant, elapsed)
         except ScriptError as error:
             self._fail(str(error))
         self.targets.advance(context.dt)
 
-        stamp = 0 if controller is None else controller.header.stamp
         header = Header(stamp=stamp)
-        outputs = [Output(TELEOP_SETPOINT, self.targets.setpoint(stamp))]
+        outputs = self._claimant.claims(now_ns, stamp)
+        if has_robot:
+            outputs.append(Output(TELEOP_SETPOINT, self.targets.setpoint(stamp)))
         requests, context.gaits.outbox = context.gaits.outbox, []
         outputs += [
             Output(TELEOP_GAIT, request.model_copy(update={"header": header}))
             for request in requests
         ]
         return outputs + self._status(header, elapsed)
+
+    def _claim(self, inputs: Inputs, plant: PlantStatus | None) -> bool:
+        """Return whether it has the robot; until it first has, follow the controller's target."""
+        stopped = plant is not None and plant.guard is GuardMode.ESTOP
+        self._claimant.update(inputs, Sender(self.name, self.boot), stopped=stopped)
+        target = inputs.latest(WBC_TARGET)
+        if not self._began and target is not None:
+            self.targets.adopt(target)
+        self._began = self._began or self._claimant.has_robot
+        return self._claimant.has_robot
 
     def _act(
         self,
@@ -148,9 +183,10 @@ class ScriptedOperator(Service):
         if self._ended_for is not None:
             self._ended_for += elapsed
             if self._ended_for >= self.config.linger:
+                self._claimant.release()
                 self.exit_code = 1 if self.failure else 0
         elif self._program is None:
-            self._wait_for_balance(controller, plant, elapsed)
+            self._wait_for_start(controller, plant, elapsed)
         else:
             if trouble := _trouble(plant):
                 raise ScriptError(trouble)
@@ -158,26 +194,56 @@ class ScriptedOperator(Service):
             paused = plant is not None and plant.paused
             if silent > self.config.silence_timeout and not paused:
                 raise ScriptError(f"the controller has been silent for {silent:.1f} s")
+            if not self._claimant.has_robot:
+                return
             if next(self._program, _DONE) is _DONE:
                 self._ended_for = 0.0
                 log.info("script %s: finished", self.script.name)
 
-    def _wait_for_balance(
+    def _wait_for_start(
         self, controller: ControllerState | None, plant: PlantStatus | None, elapsed: float
     ) -> None:
+        """Start the script once the robot is fit for it and balances.
+
+        Raises:
+            ScriptError: that takes too long.
+        """
         trouble = _trouble(plant)
-        if not trouble and _balancing(controller):
-            self._context.label = ""
+        if not trouble and _balancing(controller) and self._claimant.has_robot:
             self._program = self._run()
             log.info("script %s: started", self.script.name)
             return
         self._waited += elapsed
-        if self._waited > self.config.start_timeout:
+        self._troubled = self._troubled + elapsed if trouble else 0.0
+        if self._troubled > self.config.trouble_timeout:
+            raise ScriptError(f"{trouble}; {REMEDY}, then start the script again")
+        late = self._waited > self.config.start_timeout
+        if trouble:
+            self._waiting_for = f"waiting: {trouble}; {REMEDY}"
+        elif not _balancing(controller):
+            self._waiting_for = LABEL_WAITING
             shows = "no controller state" if controller is None else controller.state.name
-            raise ScriptError(
-                f"the controller did not balance within {self.config.start_timeout:g} s; "
-                f"last seen: {trouble or shows}"
-            )
+            if late:
+                raise ScriptError(
+                    f"the controller did not balance within {self.config.start_timeout:g} s; "
+                    f"last seen: {shows}"
+                )
+        else:
+            self._waiting_for = f"waiting for the robot: {self._claimant.waits_for()}"
+            if late:
+                raise ScriptError(
+                    f"it did not get the robot within {self.config.start_timeout:g} s: "
+                    f"{self._claimant.waits_for()}"
+                )
+
+    @property
+    def _label(self) -> str:
+        """What it does or waits for."""
+        if self._ended_for is None and self._program is None:
+            return self._waiting_for
+        if self._ended_for is None and not self._claimant.has_robot:
+            return f"paused: {self._claimant.waits_for()}"
+        return self._context.label
 
     def _run(self) -> Iterator[None]:
         for step in self.script.steps:
@@ -196,7 +262,7 @@ class ScriptedOperator(Service):
             script=self.script.name,
             step=self._steps_done,
             steps=len(self.script.steps),
-            label=self._context.label,
+            label=self._label[:200],
             finished=self._ended_for is not None,
             failed=self.failure[:200],
         )
@@ -222,8 +288,8 @@ def _trouble(plant: PlantStatus | None) -> str:
     """Return the plant's condition that prevents a script from running; empty: none."""
     if plant is None:
         return ""
+    if plant.guard is GuardMode.ESTOP:
+        return "the emergency stop is on" + f" (by {plant.stopped_by})" * bool(plant.stopped_by)
     if plant.fallen:
         return "the robot has fallen"
-    if plant.guard is GuardMode.ESTOP:
-        return "the emergency stop is on"
     return ""

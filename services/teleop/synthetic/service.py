@@ -8,18 +8,30 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import GaitReply, Header, OperatorStatus
+from common.schemas import (
+    GaitReply,
+    GuardMode,
+    Header,
+    OperatorKind,
+    OperatorStatus,
+    PlantState,
+    Sender,
+)
 from common.tables import validated
 from common.topics import (
     PLANT_STATE,
     TASK_SCENE,
+    TELEOP_CLAIM,
     TELEOP_DEVICE,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     TELEOP_STATUS,
+    WBC_AUTHORITY,
     WBC_REPLY,
     WBC_STATE,
+    WBC_TARGET,
 )
+from services.teleop.claim import Claimant, own_replies
 from services.teleop.errors import TeleopError
 from services.teleop.headset.mapping import HeadsetMapper, MapperConfig
 from services.teleop.synthetic.observation import Observation, Observer
@@ -49,7 +61,7 @@ class SyntheticConfig(BaseModel):
     traits: OperatorTraits = TRAITS["practised"]
     headset: MapperConfig = MapperConfig()
     start_timeout: float = Field(
-        default=60.0, gt=0.0, description="timeout until BALANCE is seen [s]"
+        default=60.0, gt=0.0, description="timeout until BALANCE is seen and it has the robot [s]"
     )
     linger: float = Field(
         default=1.5, ge=0.0, description="time to go on holding after the task [s]"
@@ -59,6 +71,9 @@ class SyntheticConfig(BaseModel):
 
 class SyntheticOperator(Service):
     """Does one task and ends; after a reset of the plant it does it again with other variation.
+
+    It acts while it has the robot. A person who takes the robot interrupts it; it goes on, from the
+    controller's target, when it gets the robot back. An emergency stop ends its plan.
 
     It observes the robot (``plant/state``), the objects (``task/scene``) and the controller
     (``wbc/state``, ``wbc/reply``) through its inbox, hence with the delay of the feedback link. It
@@ -71,14 +86,15 @@ class SyntheticOperator(Service):
 
     name = "teleop"
     period_ns = PERIOD_NS
-    reads = (PLANT_STATE, TASK_SCENE, WBC_STATE, WBC_REPLY)
-    writes = (TELEOP_DEVICE, TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_STATUS)
+    reads = (PLANT_STATE, TASK_SCENE, WBC_STATE, WBC_REPLY, WBC_AUTHORITY, WBC_TARGET)
+    writes = (TELEOP_CLAIM, TELEOP_DEVICE, TELEOP_SETPOINT, TELEOP_GAIT, TELEOP_STATUS)
 
     def __init__(self, config: SyntheticConfig | None = None) -> None:
         self.config = config or SyntheticConfig()
         self.settings = self.config.model_dump(mode="json")
         self._strategy = find_strategy(self.config.task)
         self._mapper = HeadsetMapper(self.config.headset)
+        self._claimant = Claimant(OperatorKind.SCRIPT)
         self._last_ns: int | None = None
         self._shown: OperatorStatus | None = None
         self._since_shown = 0.0
@@ -97,6 +113,7 @@ class SyntheticOperator(Service):
         self._plan: Act | None = None
         self._time = 0.0
         self._over_for: float | None = None
+        self._acting = False
         self.failure = ""
 
     @property
@@ -106,8 +123,10 @@ class SyntheticOperator(Service):
 
     @property
     def note(self) -> str:
-        """What the operator is doing; empty before it begins."""
-        return "" if self.model is None else self.model.note
+        """What the operator is doing or waits for."""
+        if not self._claimant.has_robot and not self.finished:
+            return f"waiting: {self._claimant.waits_for()}"
+        return "waiting" if self.model is None else self.model.note
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Observe, act for one tick, and report."""
@@ -116,45 +135,64 @@ class SyntheticOperator(Service):
             self._last_ns = now_ns - self.period_ns
         elapsed = (now_ns - self._last_ns) * 1e-9
         self._last_ns = now_ns
-        dt = min(elapsed, LONGEST_STEP)
-        replies = inputs.events(WBC_REPLY)
-        seen = self._observer.observe(
-            inputs.latest(PLANT_STATE), inputs.latest(TASK_SCENE), inputs.latest(WBC_STATE)
-        )
-        if seen is None:
-            return self._status(Header(), elapsed)
+        state = inputs.latest(PLANT_STATE)
+        stopped = state is not None and state.guard is GuardMode.ESTOP
+        self._claimant.update(inputs, Sender(self.name, self.boot), stopped=stopped)
+        seen = self._observer.observe(state, inputs.latest(TASK_SCENE), inputs.latest(WBC_STATE))
+        outputs = [] if seen is None else self._acts(seen, inputs, min(elapsed, LONGEST_STEP))
+        header = Header() if seen is None else Header(stamp=seen.stamp)
+        claims = self._claimant.claims(now_ns, header.stamp)
+        return [*claims, *outputs, *self._status(header, elapsed)]
+
+    def _acts(self, seen: Observation, inputs: Inputs, dt: float) -> list[Output]:
+        """Act for one tick of ``dt`` [s], if it has the robot; return what it sends to it."""
         if seen.resets != self._resets:
             self._begin(seen.resets)
             self._mapper = HeadsetMapper(self.config.headset, self._mapper.next_id)
+        replies = own_replies(inputs.events(WBC_REPLY), self.boot)
+        if self.model is not None and not self._claimant.has_robot:
+            self._acting = False
+            self._interrupted(seen, inputs.latest(PLANT_STATE), dt)
+            return []
         self._time += dt
         self._act(seen, replies, dt)
-        header = Header(stamp=seen.stamp)
         if self.model is None:
-            return self._status(header, elapsed)
+            return []
+        target = inputs.latest(WBC_TARGET)
+        if not self._acting and target is not None:
+            self._mapper.adopt(target)
+        self._acting = True
         device = self.model.device()
         requests = self._mapper.update(device, self._time)
         return [
             Output(TELEOP_DEVICE, device),
             Output(TELEOP_SETPOINT, self._mapper.setpoint(seen.stamp)),
             *(Output(TELEOP_GAIT, request) for request in requests),
-            *self._status(header, elapsed),
         ]
+
+    def _interrupted(self, seen: Observation, state: PlantState | None, dt: float) -> None:
+        """Wait for the robot while the time of the plan stands still; give up after a stop."""
+        if self._over_for is not None:
+            self._linger(dt)
+        elif state is not None and state.guard is GuardMode.ESTOP:
+            self._give_up("the emergency stop is on")
+        elif float(seen.torso.position[2]) < FALLEN_HEIGHT:
+            self._give_up("the robot has fallen")
 
     def _act(self, seen: Observation, replies: Sequence[GaitReply], dt: float) -> None:
         if self.model is None:
-            if seen.balancing:
+            if seen.balancing and self._claimant.has_robot:
                 self.model = OperatorModel(self.config.traits, self._rng, seen)
                 self._plan = self._strategy(self.model)
             elif self._time > self.config.start_timeout:
-                self.failure = f"no BALANCE seen within {self.config.start_timeout:g} s"
-                self.exit_code = 1
+                missing = self._claimant.waits_for() if seen.balancing else "no BALANCE seen"
+                self.failure = f"not begun within {self.config.start_timeout:g} s: {missing}"
+                self._leave(1)
             return
         model = self.model
         model.perceive(seen, replies, self._time, dt)
         if self._over_for is not None:
-            self._over_for += dt
-            if self._over_for >= self.config.linger and not self.config.stay:
-                self.exit_code = 1 if self.failure else 0
+            self._linger(dt)
         elif self._plan is not None:
             self._continue(self._plan, seen)
         model.advance(dt)
@@ -168,9 +206,23 @@ class SyntheticOperator(Service):
             self._over_for = 0.0
             log.info("synthetic operator: %s: done", self.config.task)
         except TeleopError as error:
-            self.failure = str(error)
-            self._over_for = 0.0
-            log.warning("synthetic operator: %s: gave up: %s", self.config.task, error)
+            self._give_up(str(error))
+
+    def _give_up(self, reason: str) -> None:
+        self.failure, self._over_for = reason, 0.0
+        log.warning("synthetic operator: %s: gave up: %s", self.config.task, reason)
+
+    def _linger(self, dt: float) -> None:
+        """Hold the pose for a while after the task, then end unless it is to stay."""
+        assert self._over_for is not None
+        self._over_for += dt
+        if self._over_for >= self.config.linger and not self.config.stay:
+            self._leave(1 if self.failure else 0)
+
+    def _leave(self, exit_code: int) -> None:
+        """End, and give the robot back."""
+        self._claimant.release()
+        self.exit_code = exit_code
 
     def _status(self, header: Header, elapsed: float) -> list[Output]:
         """Return the status at 5 Hz and at every change."""
@@ -178,7 +230,7 @@ class SyntheticOperator(Service):
             script=f"synthetic {self.config.task}",
             step=int(self.finished),
             steps=1,
-            label=self.note[:200] or "waiting",
+            label=self.note[:200],
             finished=self.finished,
             failed=self.failure[:200],
         )

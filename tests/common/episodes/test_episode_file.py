@@ -1,5 +1,10 @@
 """An episode's file: arrays, names, pictures; and what a reader is told of a wrong one."""
 
+import errno
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import cv2
@@ -9,7 +14,7 @@ import pytest
 
 from common.episodes.columns import BY_PATH, COLUMNS
 from common.episodes.episode_file import open_episode, to_bytes
-from common.episodes.errors import EpisodeError
+from common.episodes.errors import EpisodeAccessError, EpisodeDamagedError, EpisodeError
 from common.robot.frames import BODY_FRAME
 from tests.lab.demonstrations.collect.support import meta, rows
 
@@ -73,3 +78,75 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
         file.attrs["schema_version"] = 99
     with pytest.raises(EpisodeError, match="version 99"), open_episode(newer):
         pass
+
+
+@contextmanager
+def held_open(path: Path) -> Iterator[None]:
+    """Another program has the file open for writing."""
+    code = (
+        f"import h5py, sys\nwith h5py.File({str(path)!r}, 'r+'):\n"
+        "    print('open', flush=True)\n    sys.stdin.readline()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    ) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline() == "open\n"
+        yield
+        other.communicate("\n")
+
+
+def test_what_cannot_be_reached_is_not_damaged(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    with pytest.raises(EpisodeAccessError, match="gone"), open_episode(path):
+        pass
+    path.write_bytes(to_bytes(meta(0), rows(), {}))
+    busy = pytest.raises(EpisodeAccessError, match="another program")
+    with held_open(path), busy, open_episode(path):
+        pass
+    with open_episode(path) as episode:
+        assert episode.meta.frames == 4
+    path.write_bytes(path.read_bytes()[:900])
+    with pytest.raises(EpisodeDamagedError, match="damaged"), open_episode(path):
+        pass
+
+
+@pytest.mark.parametrize("number", [errno.EACCES, errno.EIO, errno.EMFILE, errno.ENOLCK])
+def test_errors_of_the_system_while_reading_are_not_damage(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "e.h5"
+    path.write_bytes(to_bytes(meta(0), rows(), {}))
+
+    def failing(*_arguments: object) -> object:
+        raise OSError(number, "no")
+
+    with open_episode(path) as episode:
+        monkeypatch.setattr(h5py.Dataset, "__getitem__", failing)
+        with pytest.raises(EpisodeAccessError, match="now"):
+            episode.array("action/neck")
+
+
+def test_errors_of_the_readers_own_work_stay_what_they_are(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    path.write_bytes(to_bytes(meta(0), rows(), {}))
+    with pytest.raises(OSError, match="full"), open_episode(path):
+        raise OSError(errno.ENOSPC, "disk full")
+
+
+def test_cameras_axes_and_the_scenes_joints_are_described(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    about = meta(0).model_copy(update={"picture_size": (400, 300)})
+    names = {"truth/scene_qpos": ("hinge", "lever", "latch")}
+    path.write_bytes(to_bytes(about, rows(), {"left": [b""] * 4, "right": [b""] * 4}, names))
+    with h5py.File(path) as file:
+        left, right = (file[f"images/{side}"].attrs for side in ("left", "right"))
+        focal = 150.0 / np.tan(np.radians(60.0))
+        expected = [[focal, 0.0, 199.5], [0.0, focal, 149.5], [0.0, 0.0, 1.0]]
+        np.testing.assert_allclose(left["camera_matrix"], expected)
+        apart = left["position_in_parent"] - right["position_in_parent"]
+        np.testing.assert_allclose(apart, [0.0, left["baseline"], 0.0])
+        assert left["parent"] == "neck_pitch_link"
+        assert list(file["truth/scene_qpos"].attrs["names"]) == ["hinge", "lever", "latch"]
+        assert "x forward" in file["action/hands"].attrs["axes"]
+        assert "velocit" in file["observation/joint_velocity"].attrs["doc"]

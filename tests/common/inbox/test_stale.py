@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from common.errors import ConfigError
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
 from common.journal.tables import UNKNOWN
@@ -98,9 +98,52 @@ def test_the_senders_clock_is_taken_into_account(ahead: float) -> None:
         assert inbox.updated(TELEOP_SETPOINT) is applied
 
 
-def test_without_a_known_clock_nothing_is_called_old() -> None:
-    inbox = offered(TELEOP_GAIT, 20.0, context=InboxContext(offset_of=lambda _header: UNKNOWN))
-    assert inbox.updated(TELEOP_GAIT)
+@pytest.mark.parametrize(
+    ("topic", "heard_for", "applied"),
+    [
+        (TELEOP_GAIT, 0.0, True),
+        (TELEOP_GAIT, 1.9, True),
+        (TELEOP_GAIT, 2.1, False),
+        (TELEOP_SETPOINT, 2.1, False),
+        (ESTOP, 100.0, True),
+    ],
+)
+def test_messages_of_unknown_age_are_taken_for_a_grace_time_only(
+    topic: Topic[Any], heard_for: float, applied: bool
+) -> None:
+    """The sender's clock is 1000 s behind, and it answers no clock query."""
+    inbox = Inbox(TOPICS, context=InboxContext(offset_of=lambda _header: UNKNOWN))
+    for number, at in enumerate((NOW, NOW + round(heard_for * SECOND))):
+        header = Header(seq=number, sent=at - 1000 * SECOND, source="far", boot=1)
+        inbox.offer("teleop/setpoint", encode(setpoint(), header), at)
+        inbox.begin_step(at)
+    inbox.offer(topic.name, encode(EXAMPLES[topic.name], header), at)
+    inbox.begin_step(at)
+    assert inbox.updated(topic) is (applied and topic is not TELEOP_SETPOINT)
+    health = inbox.health_of(topic)
+    assert (health.stale > 0) is not applied
+    assert ("far does not tell its clock" in health.last_refusal) is not applied
+
+
+@pytest.mark.parametrize(("age", "applied"), [(0.01, True), (0.26, False), (-0.01, False)])
+def test_a_tool_of_this_host_needs_no_answer(age: float, applied: bool) -> None:
+    """It never answers, but by this host's clock its messages are young."""
+    inbox = Inbox(TOPICS, context=InboxContext(offset_of=lambda _header: UNKNOWN))
+    for number, at in enumerate((NOW, NOW + 60 * SECOND)):
+        header = Header(seq=number, sent=at - round(age * SECOND), source="up", boot=1)
+        inbox.offer("teleop/setpoint", encode(setpoint(), header), at)
+        inbox.begin_step(at)
+    assert inbox.updated(TELEOP_SETPOINT) is applied
+
+
+def test_a_message_that_does_not_say_when_it_was_sent_is_of_unknown_age() -> None:
+    inbox = Inbox(TOPICS)
+    for number, at in enumerate((NOW, NOW + 3 * SECOND)):
+        inbox.offer(
+            "teleop/setpoint", encode(setpoint(), Header(seq=number, boot=1, source="by hand")), at
+        )
+        inbox.begin_step(at)
+        assert inbox.updated(TELEOP_SETPOINT) is (number == 0)
 
 
 def test_delay_injected_on_purpose_makes_nothing_old() -> None:
@@ -126,6 +169,11 @@ def test_a_slow_network_may_have_its_own_limits(tmp_path: Any) -> None:
     assert ages == {"teleop/setpoint": 0.6}
     assert offered(TELEOP_SETPOINT, 0.59, max_age=ages).updated(TELEOP_SETPOINT)
     assert not offered(TELEOP_SETPOINT, 0.61, max_age=ages).updated(TELEOP_SETPOINT)
+    # It rules how long the last one is fresh, too.
+    inbox = offered(TELEOP_SETPOINT, 0.1, max_age=ages)
+    for after, fresh in ((0.59, True), (0.61, False)):
+        inbox.begin_step(NOW + round(after * SECOND))
+        assert inbox.fresh(TELEOP_SETPOINT) is fresh
     # The others keep theirs.
     assert not offered(TELEOP_GAIT, 0.51, max_age=ages).updated(TELEOP_GAIT)
 

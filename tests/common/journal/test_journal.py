@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.errors import SchemaError
-from common.inbox.buffer import InboxContext
+from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.journal.journal import Journal
 from common.journal.stages import stage_times
@@ -215,7 +215,9 @@ def test_a_payload_too_long_to_carry_is_not_carried() -> None:
     header = Header(seq=1, sent=reader.now, boot=7, source="sim")
     long = encode(plant_state(), header)
     # One entry more than the schema has: refused, but its header is readable.
-    long = bytes([long[0] + 1]) + long[1:] + b"\xa1x\xc6" + (33_000_000).to_bytes(4, "big")
+    entries = (long[0] & 0x0F) + 1
+    long = b"\xde" + entries.to_bytes(2, "big") + long[1:] + b"\xa1x\xc6"
+    long += (33_000_000).to_bytes(4, "big")
     reader.inbox.offer("plant/state", long + bytes(33_000_000), reader.now)
     reader.offer(seq=2)
     reader.step()

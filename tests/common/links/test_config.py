@@ -15,13 +15,15 @@ from common.topics import (
     CAMERA_LEFT,
     CAMERA_RIGHT,
     ESTOP,
+    ESTOP_CLEAR,
     PLANT_REQUEST,
     WBC_COMMAND,
 )
 from common.wire.codec import encode
 
 OPERATOR_READS = {
-    *("plant/state", "plant/status", "task/scene", "task/status", "wbc/state", "wbc/reply")
+    *("plant/state", "plant/status", "task/scene", "task/status"),
+    *("wbc/state", "wbc/reply", "wbc/authority", "wbc/target"),
 }
 EYES = {"camera/left", "camera/right"}
 
@@ -62,10 +64,10 @@ def test_every_operators_inputs_are_reached_but_for_the_operators_own() -> None:
     scripted = pytest.importorskip("services.teleop.scripted.service").ScriptedOperator
     for service in (keyboard, scripted):
         left = {topic.name for topic in service.reads} - reached("feedback", service.name)
-        assert left <= {"teleop/status", "teleop/setpoint"}
+        assert left <= {"teleop/status"}
 
 
-@pytest.mark.parametrize("topic", [ESTOP, PLANT_REQUEST, WBC_COMMAND])
+@pytest.mark.parametrize("topic", [ESTOP, ESTOP_CLEAR, PLANT_REQUEST, WBC_COMMAND])
 def test_safety_is_delayed_under_its_own_name_only(topic: object) -> None:
     name = getattr(topic, "name", "")
     everything = Links.from_table(dict.fromkeys(ALIASES, "1s"))
@@ -122,7 +124,8 @@ def test_both_eyes_have_one_seed_and_nothing_else_shares_it() -> None:
 def camera_frame(eye: Literal["left", "right"], number: int) -> bytes:
     frame = CameraFrame(eye=eye, width=1, height=1, encoding="rgb8", data=bytes(3))
     # The eyes' own counters differ, as one was wanted before the other.
-    header = Header(seq=number + (40 if eye == "left" else 0), stamp=1 + number * 50_000_000)
+    seq = number + (40 if eye == "left" else 0)
+    header = Header(seq=seq, stamp=1 + number * 50_000_000, sent=number * 5_000_000)
     return encode(frame, header)
 
 

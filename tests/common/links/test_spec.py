@@ -20,6 +20,10 @@ def dump(spec: LinkSpec) -> dict[str, Any]:
     [
         ("250ms", {"mean": 0.25}),
         ("0", {"mean": 0.0}),
+        ("250 ms", {"mean": 0.25}),
+        ("250 ms loss=1%", {"mean": 0.25, "loss": 0.01}),
+        ("loss=5%", {"loss": 0.05}),
+        ("loss=5% seed=3", {"loss": 0.05, "seed": 3}),
         (" 0.3s loss=1% ", {"mean": 0.3, "loss": 0.01}),
         ("500us order=free seed=7", {"mean": 0.0005, "keep_order": False, "seed": 7}),
         ("constant(20 ms) loss=0.5", {"mean": 0.02, "loss": 0.5}),
@@ -51,6 +55,10 @@ def test_parse(text: str, fields: dict[str, Any]) -> None:
     [
         "",
         "fast",
+        "ms",
+        "250 mss",
+        "250 ms 3",
+        "speed=3",
         "250",
         "-5ms",
         "61s",
@@ -93,6 +101,20 @@ def test_trace_file(tmp_path: Path) -> None:
     path.write_text("12.5ms\nslow\n")
     with pytest.raises(ConfigError, match="line 2"):
         LinkSpec.parse(f"trace({path})")
+    path.write_text("delay\nslow\n")
+    with pytest.raises(ConfigError, match="line 2"):
+        LinkSpec.parse(f"trace({path})")
     path.write_text("# nothing\n")
     with pytest.raises(ConfigError, match="holds no delay"):
         LinkSpec.parse(f"trace({path})")
+
+
+@pytest.mark.parametrize("name", ["delays (1).csv", "my delays.csv", "a)b(c.csv"])
+def test_trace_files_have_the_names_that_people_and_browsers_give_them(
+    tmp_path: Path, name: str
+) -> None:
+    path = tmp_path / name
+    path.write_text("\ufeffdelay [ms]\n12.5ms\n20ms\n", encoding="utf-8")
+    spec = LinkSpec.parse(f"trace({path}) loss=2% seed=4")
+    assert spec.trace == pytest.approx((0.0125, 0.02))
+    assert (spec.loss, spec.seed) == (0.02, 4)

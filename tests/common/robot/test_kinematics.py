@@ -10,7 +10,16 @@ import pinocchio as pin
 import pytest
 
 from common.robot.frames import BODY_FRAME, FOOT_FRAMES, HAND_FRAMES
-from common.robot.joints import JOINT_NAMES, NOMINAL_POSITION, POSITION_LOWER, POSITION_UPPER
+from common.robot.joints import (
+    JOINT_NAMES,
+    LEFT_LEG,
+    MOTOR_TO_JOINT,
+    NOMINAL_POSITION,
+    NUM_MOTORS,
+    POSITION_LOWER,
+    POSITION_UPPER,
+    RIGHT_LEG,
+)
 from common.robot.kinematics import (
     FLAT_FOOT,
     FORWARD_HAND,
@@ -18,6 +27,7 @@ from common.robot.kinematics import (
     end_effector_poses,
     foot_in_body,
     hand_in_body,
+    leg_reaching,
 )
 from common.robot.pose import Pose
 from common.robot.rotations import matrix_from_quaternion, rotation_vector_from_matrix
@@ -69,6 +79,30 @@ def test_quaternions_keep_the_sign_of_the_usual_orientation() -> None:
         assert (quaternions[:2] @ FLAT_FOOT >= 0.0).all()
         assert (quaternions[2:] @ FORWARD_HAND >= 0.0).all()
         np.testing.assert_allclose(np.linalg.norm(quaternions, axis=1), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize(("side", "leg"), [("left", LEFT_LEG), ("right", RIGHT_LEG)])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_leg_reaches_the_pose_of_a_step_and_nothing_else_moves(
+    side: str, leg: slice, seed: int
+) -> None:
+    turns = MOTOR_TO_JOINT @ np.random.default_rng(seed).uniform(-0.15, 0.15, NUM_MOTORS)
+    goal = foot_in_body(side, NOMINAL_POSITION + turns)
+    found = leg_reaching(side, goal, NOMINAL_POSITION)
+    pose = foot_in_body(side, found)
+    assert np.linalg.norm(pose.position - goal.position) < 1e-6
+    assert abs(pose.quaternion @ goal.quaternion) == pytest.approx(1.0, abs=1e-9)
+    np.testing.assert_allclose(found[leg], (NOMINAL_POSITION + turns)[leg], atol=1e-5)
+    np.testing.assert_array_equal(np.delete(found, leg), np.delete(NOMINAL_POSITION, leg))
+
+
+def test_a_leg_out_of_reach_stretches_within_its_limits() -> None:
+    pose = foot_in_body("left", NOMINAL_POSITION)
+    goal = Pose(pose.position - np.array([0.0, 0.0, 0.5]), pose.quaternion)
+    found = leg_reaching("left", goal, NOMINAL_POSITION)
+    assert (found >= POSITION_LOWER).all()
+    assert (found <= POSITION_UPPER).all()
+    assert goal.position[2] < foot_in_body("left", found).position[2] < pose.position[2] - 0.02
 
 
 def test_a_site_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

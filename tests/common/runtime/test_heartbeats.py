@@ -73,6 +73,8 @@ class FakeSession:
 class Sample:
     """What the transport gives."""
 
+    key_expr = "draco3/heartbeat/sim"
+
     def __init__(self, payload: bytes) -> None:
         self.payload = self
         self.encoding = wire_encoding(schema_tag(Heartbeat))

@@ -1,12 +1,15 @@
 """Example messages of every topic and a free range of ports."""
 
 import socket
+from typing import TypeVar
 
 import numpy as np
 
 from common import schemas
 from common.schemas import Gait, GuardMode, Header, LinkHealth, Message
 from common.schemas.operator import OperatorStatus
+
+M = TypeVar("M", bound=Message)
 
 VECTOR = np.array([0.1, -0.2, 0.3])
 QUATERNION = np.array([0.5, 0.5, -0.5, 0.5])
@@ -32,6 +35,7 @@ def plant_state(seq: int = 0, boot: int = 1, source: str = "sim") -> schemas.Pla
         guard=GuardMode.HOLD,
         fallen=True,
         controller_boot=2**61,
+        torque_mode="rated",
     )
 
 
@@ -47,6 +51,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
         skipped=3,
         stale=4,
         adapted=7,
+        foreign=8,
         refused=2,
         link="250ms",
         requested_mean=0.25,
@@ -78,6 +83,7 @@ def health(source: str = "sim") -> schemas.ServiceHealth:
                 clock_error=1e-4,
             )
         ],
+        conflict="another sim",
     )
 
 
@@ -126,6 +132,7 @@ def examples() -> list[Message]:
             stops=2,
             stopped_by="keyboard",
             stop_reason="smoke",
+            divergences=1,
         ),
         schemas.PlantRequest(
             action=schemas.PlantAction.PUSH, force=100 * VECTOR, duration=0.2, seed=5
@@ -168,6 +175,7 @@ def examples() -> list[Message]:
             solver="proxqp",
             unsolved=1,
             setpoint_stamp=1_250_000_000,
+            obstacle="another controller has the plant",
         ),
         schemas.GaitReply(
             request_id=5,
@@ -184,12 +192,12 @@ def examples() -> list[Message]:
             gripper_closure=PAIR,
             neck_pitch=0.3,
         ),
-        schemas.GaitRequest(request_id=9, gait=Gait.SIDE_RIGHT),
+        schemas.GaitRequest(request_id=9, gait=Gait.SIDE_RIGHT, controller_boot=2**58),
         device_input(),
         OperatorStatus(script="walk", step=3, steps=8, label="door", finished=True, failed="fell"),
         schemas.CameraFrame(eye="right", width=4, height=2, encoding="rgb8", data=bytes(range(24))),
         health(),
-        schemas.Heartbeat(steps=12, timeout=0.1),
+        schemas.Heartbeat(steps=12, timeout=0.1, uptime=3.5),
         schemas.StepJournal(
             service="wbc",
             first_step=7,
@@ -229,6 +237,11 @@ def examples() -> list[Message]:
             reset_count=2,
         ),
     ]
+
+
+def example_of(schema: type[M]) -> M:
+    """The first example of a schema."""
+    return next(message for message in examples() if isinstance(message, schema))
 
 
 def free_base_port(count: int = 10) -> int:

@@ -59,7 +59,7 @@ def test_decoded_message_behaves_like_one_built_by_hand() -> None:
     message = Estop(reason="x", header=HEADER)
     back = decode(encode(message, HEADER), Estop)
     assert back == message
-    assert back.model_fields_set == {"header", "reason"}
+    assert back.model_fields_set == {"header", "reason", "pressed"}
     with pytest.raises(ValueError, match="frozen"):
         back.reason = "y"
 

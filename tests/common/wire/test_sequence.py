@@ -2,8 +2,10 @@
 
 import random
 
+import pytest
+
 from common.schemas import Header
-from common.wire.sequence import MessageOrder, SequenceTracker
+from common.wire.sequence import MAX_JUMP, MessageOrder, SequenceTracker
 
 
 def header(seq: int, boot: int = 1, source: str = "sim") -> Header:
@@ -71,7 +73,8 @@ def test_memory_of_the_missing_is_bounded() -> None:
     # Of the 10,000 missing numbers no more than the last thousand are remembered.
     assert tracker.observe(header(19_997 - 2 * 1024)) is MessageOrder.LATE
     assert tracker.observe(header(19_997 - 2 * 1024)) is MessageOrder.LATE
-    tracker.observe(header(900_000))
+    for seq in (900_000, 900_001):
+        tracker.observe(header(seq))
     assert tracker.observe(header(899_990)) is MessageOrder.LATE
     assert tracker.observe(header(899_990)) is MessageOrder.REPEATED
     assert tracker.observe(header(3)) is MessageOrder.LATE
@@ -106,13 +109,27 @@ def test_an_implausible_number_is_not_believed_alone() -> None:
     assert tracker.missing == 0
 
 
-def test_a_long_gap_is_believed_when_it_goes_on() -> None:
+def test_one_stray_number_spoils_neither_account_nor_order() -> None:
+    """98,722 numbers ahead: it came once, and the stream goes on as before."""
+    tracker = SequenceTracker()
+    orders = [tracker.observe(header(seq)) for seq in (*range(100), 98_821, *range(100, 300))]
+    assert orders.count(MessageOrder.NEXT) == 300
+    assert orders[100] is MessageOrder.IMPLAUSIBLE
+    assert (tracker.missing, tracker.late, tracker.repeated) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("gap", [MAX_JUMP + 1, 3_000_000])
+def test_a_long_gap_is_believed_when_it_goes_on(gap: int) -> None:
     tracker = SequenceTracker()
     tracker.observe(header(0))
-    assert tracker.observe(header(3_000_000)) is MessageOrder.IMPLAUSIBLE
-    assert tracker.observe(header(3_000_001)) is MessageOrder.NEXT
-    assert tracker.observe(header(3_000_002)) is MessageOrder.NEXT
-    assert tracker.missing == 3_000_000
+    assert tracker.observe(header(gap)) is MessageOrder.IMPLAUSIBLE
+    # The link still loses some, and another sender's gap in between changes nothing.
+    tracker.observe(header(0, boot=2))
+    assert tracker.observe(header(2 * gap, boot=2)) is MessageOrder.IMPLAUSIBLE
+    assert tracker.observe(header(gap + 3)) is MessageOrder.NEXT
+    assert tracker.observe(header(gap + 4)) is MessageOrder.NEXT
+    assert tracker.missing == gap + 1
+    assert tracker.observe(header(5)) is MessageOrder.LATE
 
 
 def test_many_runs_stay_bounded() -> None:

@@ -48,7 +48,24 @@ def test_wrong_values_are_explained(
     assert main(["top", "--config", "missing.toml"]) == 2
     assert "missing.toml" in capsys.readouterr().err
     assert main(["report", "nowhere"]) == 1
-    assert "cannot open the log nowhere/log.mcap" in capsys.readouterr().err
+    assert "cannot open the log nowhere" in capsys.readouterr().err
+
+
+def test_every_command_takes_a_directory_or_any_file_for_a_log(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report, "draw_pictures", lambda _log, video: "")
+    recorded(tmp_path)
+    (tmp_path / "log.mcap").rename(tmp_path / "saved.mcap")
+    saved = str(tmp_path / "saved.mcap")
+    for command in (["info"], ["report"], ["replay", "--list"], ["repair"]):
+        assert main([*command, saved]) in {0, 2}
+        assert "annot open" not in capsys.readouterr().err
+        # Its directory is not that of a run.
+        assert main([*command, str(tmp_path)]) in {1, 2}
+        assert "got saved.mcap" in capsys.readouterr().err
+    assert (tmp_path / "saved-summary.json").exists()
+    assert not (tmp_path / "summary.json").exists()
 
 
 def test_drive_without_a_terminal_says_so(

@@ -1,11 +1,16 @@
 """``trill export`` and ``trill view`` as a person meets them."""
 
+import argparse
 import sys
 from pathlib import Path
 
 import pytest
 
+from lab.cli.export import EXPORT_ACTION
+from lab.cli.logs import RECORD_ACTION
 from lab.cli.main import main
+from lab.cli.replay import ACTION as REPLAY
+from services.logger.__main__ import settings_of
 from tests.services.logger.export_support import read, session, write
 
 
@@ -30,6 +35,33 @@ def test_what_is_left_out_is_printed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert main(arguments) == 1
     assert "exists already; give another -o, or --force" in capsys.readouterr().err
     assert main([*arguments, "--force"]) == 0
+
+
+@pytest.mark.parametrize(
+    "patterns", ["camera/*,wbc/reply", "camera/* wbc/reply", "camera/*, wbc/reply"]
+)
+def test_topics_are_separated_by_commas_or_blanks_and_take_no_log(
+    tmp_path: Path, patterns: str
+) -> None:
+    write(tmp_path / "log.mcap", session())
+    assert main(["export", "--topics", patterns, str(tmp_path / "log.mcap")]) == 0
+    assert {"/camera/left", "/wbc/reply"} <= set(read(tmp_path / "log-exported.mcap"))
+
+
+def test_every_command_splits_topics_alike() -> None:
+    for action in (REPLAY, RECORD_ACTION, EXPORT_ACTION):
+        parser = argparse.ArgumentParser()
+        action.add(parser)
+        given = "plant/*, camera/left wbc/**"
+        words = ["--topics", given] + (["log.mcap"] if action is not RECORD_ACTION else [])
+        topics = parser.parse_args(words).topics
+        # The recorder is another program, which splits them itself.
+        if action is RECORD_ACTION:
+            parsed = parser.parse_args([*words, "--exclude", given])
+            settings = settings_of(parsed, {})
+            assert settings.topics == settings.exclude
+            topics = settings.topics
+        assert topics == ("plant/*", "camera/left", "wbc/**")
 
 
 def test_a_missing_log_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

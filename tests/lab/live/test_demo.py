@@ -4,12 +4,13 @@ import os
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from common.schemas import OperatorStatus
+from common.schemas import GuardMode, OperatorStatus
 from deploy import launch
 from deploy.errors import DeployError
 from deploy.launch import Verdict, running_system
@@ -75,6 +76,17 @@ def test_a_fall_outweighs_what_follows_from_it_and_is_watched_a_while() -> None:
     assert "step 3 of 9" in verdict.reason
 
 
+def test_a_fall_after_an_emergency_stop_names_who_stopped_the_robot() -> None:
+    one, seen = judge(), view(fallen=True)
+    assert seen.plant is not None
+    stop = {"guard": GuardMode.ESTOP, "stopped_by": "keyboard"}
+    seen = replace(seen, plant=seen.plant.model_copy(update=stop))
+    assert one.verdict(10.0, seen, NOTHING) is None
+    verdict = one.verdict(10.0 + FALL_AFTERMATH, seen, NOTHING)
+    assert verdict is not None
+    assert "STOPPED by keyboard" in verdict.reason
+
+
 def test_time_runs_out_and_asked_for_seconds_count_from_the_controllers_first_word() -> None:
     late = judge().verdict(100.0, view(), NOTHING)
     assert late is not None
@@ -91,12 +103,14 @@ def test_the_process_list_follows_the_options() -> None:
     specs = {s.name: s for s in robot_processes(SystemOptions(torque_mode="rated"), Path("r"))}
     assert list(specs) == ["router", "logger", "sim", "cameras", "wbc"]
     assert specs["wbc"].args == ("--torque-mode", "rated")
-    assert specs["sim"].args == ("--torque-mode", "rated")
+    latch = ("--latch-file", "r/estop.json")
+    assert specs["sim"].args == ("--torque-mode", "rated", *latch)
     task = robot_processes(SystemOptions(task="door/unlock", seed=7), Path("r"))
     (plant,) = (spec.args for spec in task if spec.name == "sim")
-    assert plant == ("--seed", "7", "--task", "door/unlock")
+    assert plant == ("--seed", "7", "--task", "door/unlock", *latch)
     # A configuration file decides what no option says.
-    assert all(spec.args == () for spec in robot_processes(SystemOptions(), Path("r"))[2:])
+    bare = robot_processes(SystemOptions(), Path("r"))
+    assert [spec.args for spec in bare[2:]] == [latch, (), ()]
     assert specs["logger"].args == ("--out", "r")
     assert not specs["cameras"].essential
     assert not specs["router"].essential

@@ -88,6 +88,7 @@ class FakeLog:
                 tag=schema_tag(type(message)),
                 payload=encode(message, message.header),
                 log_time=sent - CLOCK,
+                time_ns=sent - CLOCK,
                 publish_time=sent,
                 sequence=0,
             )

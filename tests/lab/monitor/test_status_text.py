@@ -1,15 +1,24 @@
-"""The status of a scored task in the live table."""
+"""The status of task, robot and authority in the live table."""
 
 import io
+from typing import Any
 
 from rich.console import Console
 
-from common.schemas import TaskVerdict
+from common.schemas import (
+    AuthorityChange,
+    AuthorityState,
+    GuardMode,
+    OperatorKind,
+    ServiceHealth,
+    TaskVerdict,
+)
+from common.topics import PLANT_STATE, WBC_AUTHORITY
 from lab.monitor.bus_stats import BusStats
 from lab.monitor.status_text import format_line
 from lab.monitor.table import render_table
 from tests.lab.monitor.test_bus_stats import sample
-from tests.lab.review.synthetic import FakeRobot, Pair
+from tests.lab.review.synthetic import MS, FakeRobot, Pair
 from tests.lab.review.synthetic_task import status
 
 
@@ -38,3 +47,61 @@ def test_table_and_line_show_the_status_of_the_task() -> None:
     table, line = shown(robot.status())
     assert "task" not in table
     assert "seed" not in line
+
+
+def authority(robot: FakeRobot, **changes: Any) -> Pair:
+    held: dict[str, Any] = {
+        "holder": "keyboard",
+        "holder_boot": 5,
+        "kind": OperatorKind.PERSON,
+        "changes": 2,
+        "change": AuthorityChange.TAKEN,
+        "previous": "teleop",
+        "previous_boot": 4,
+        "since": robot.now * MS - 12_000_000_000,
+        "waiting": ["teleop", "policy"],
+    }
+    header = robot.header(WBC_AUTHORITY, "wbc")
+    return WBC_AUTHORITY, AuthorityState(header=header, **(held | changes))
+
+
+def test_table_and_line_show_who_has_the_robot_and_who_waits() -> None:
+    robot = FakeRobot()
+    robot.now = 20_000
+    told = "keyboard has the robot (person), 12 s ago: taken from teleop; waiting: teleop, policy"
+    for text in shown(robot.status(), authority(robot)):
+        assert told in text
+    ignored = authority(robot, ignored=7, waiting=[])
+    for text in shown(robot.status(), ignored):
+        assert "taken from teleop; 7 messages of others ignored" in text
+    nobody = authority(robot, holder="", changes=0, change=AuthorityChange.NONE, waiting=[])
+    for text in shown(robot.status(), nobody):
+        assert "nobody has the robot" in text
+        assert "ago" not in text
+    assert "nobody says who has it" in shown(robot.status())[0]
+
+
+def test_table_and_line_show_a_stop_and_a_foreign_controller() -> None:
+    robot = FakeRobot()
+    topic, status_ = robot.status()
+    stop = {"guard": GuardMode.ESTOP, "stopped_by": "keyboard", "stop_reason": "smoke"}
+    for text in shown((topic, status_.model_copy(update=stop))):
+        assert "STOPPED by keyboard: smoke (trill resume), guard ESTOP" in text
+    foreign = {"commands_foreign": 3, "last_refusal": "wbc (boot 1f): another controller"}
+    _, line = shown((topic, status_.model_copy(update=foreign)))
+    assert "3 commands of another controller refused, last wbc (boot 1f)" in line
+
+
+def test_table_and_line_warn_of_doubled_services_and_who_is_ignored() -> None:
+    robot = FakeRobot()
+    _, state = robot.plant(PLANT_STATE, 0, 0, 0)
+    topic, health = robot.health("wbc", misses=0, median=0.002, p99=0.004)
+    assert isinstance(health, ServiceHealth)
+    link = health.links[0].model_copy(
+        update={"foreign": 7, "last_refusal": "message from plant boot b2, following sim boot a1"}
+    )
+    changes = {"conflict": "another wbc (boot 1f, up 3.0 s)", "links": [link]}
+    for text in shown((PLANT_STATE, state), (topic, health.model_copy(update=changes))):
+        assert "another wbc (boot 1f, up 3.0 s) is on the bus too" in text
+        assert f"wbc ignored 7 of {link.topic}: message from plant boot b2" in text
+    assert "on the bus too" not in "".join(shown((PLANT_STATE, state), (topic, health)))

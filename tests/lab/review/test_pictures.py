@@ -78,7 +78,7 @@ def test_without_graphics_the_run_is_as_good(
 
     monkeypatch.setattr(tiles, "render_states", unavailable)
     recorded(tmp_path)
-    reason = draw_pictures(tmp_path, video=True)
+    reason = draw_pictures(tmp_path / "log.mcap", video=True)
     assert reason == "no pictures: no off-screen OpenGL: install libegl1"
 
 

@@ -5,8 +5,17 @@ from math import pi
 import pytest
 
 from common.robot.pose import Pose2
-from common.schemas import Gait, GaitOutcome, Header
-from common.topics import HEALTH, PLANT_STATE, PLANT_TRUTH
+from common.schemas import (
+    AuthorityChange,
+    AuthorityState,
+    Estop,
+    EstopClear,
+    Gait,
+    GaitOutcome,
+    Header,
+    OperatorKind,
+)
+from common.topics import ESTOP, ESTOP_CLEAR, HEALTH, PLANT_STATE, PLANT_TRUTH, WBC_AUTHORITY
 from lab.review.run_summary import Quantiles, RunSummary
 from lab.review.scoring import commanded_motions
 from lab.review.summary import summarise
@@ -150,6 +159,136 @@ def test_plant_numbers() -> None:
     assert plant.saturated_fraction == pytest.approx(0.25)
 
 
+def later_life(pairs: list[Pair], boot: int = 2) -> list[Pair]:
+    """The same messages from a restarted plant, whose robot time begins anew."""
+    first = pairs[0][1].header.stamp
+    return [
+        (
+            topic,
+            one.model_copy(
+                update={
+                    "header": one.header.model_copy(
+                        update={"boot": boot, "stamp": one.header.stamp - first}
+                    )
+                }
+            ),
+        )
+        for topic, one in pairs
+    ]
+
+
+def test_a_restarted_plant_is_summed_up_over_all_its_lives() -> None:
+    robot = FakeRobot()
+
+    def seconds(count: int) -> list[Pair]:
+        found = [
+            robot.plant(PLANT_STATE, 0, 0, 0),
+            robot.wbc(),
+            robot.health("sim", misses=1, median=0.001, p99=0.002),
+        ]
+        for _ in range(10 * count):
+            robot.now += 100
+            found += [robot.plant(PLANT_STATE, 0, 0, 0), robot.status()]
+        return found
+
+    messages = seconds(8)
+    robot.now += 30_000  # nobody ran the plant
+    messages += later_life(seconds(3))
+    summary = summarise(messages)
+    plant = summary.plant
+    assert summary.duration == pytest.approx(11.0)
+    assert (plant.lives, plant.holds, plant.commands_applied, plant.late_steps) == (2, 2, 200, 6)
+    assert plant.real_time_factor == pytest.approx(1.0)
+    assert (summary.services["sim"].lives, summary.services["sim"].steps) == (2, 2000)
+    assert summary.services["sim"].deadline_misses == 2
+    # Rates are those of the time in which the plant ran.
+    assert summary.topics["plant/state"].rate == pytest.approx(10.0)
+
+
+def test_a_restart_of_the_plant_is_no_walking() -> None:
+    robot = FakeRobot()
+    first = list(robot.gait(0, Gait.FORWARD, (0, 0, 0), (0.2, 0, 0)))
+    second = later_life(list(robot.gait(1, Gait.FORWARD, (0, 0, 0), (0.19, 0, 0))))
+    messages = [*first, *second]
+    walk = summarise(messages).walk
+    assert (walk.forward, walk.commanded_forward) == pytest.approx((0.39, 0.4))
+    assert walk.end_error == pytest.approx(0.01)
+    timeline = read_timeline(messages)
+    times = [timeline.seconds_at(index) for index in range(len(timeline.truth))]
+    assert times == sorted(times)
+    assert times[-1] == pytest.approx(6.0)
+
+
+def test_a_reply_answers_the_request_of_the_operator_that_it_names() -> None:
+    robot = FakeRobot()
+
+    def reply(outcome: GaitOutcome, boot: int) -> Pair:
+        topic, one = robot.answer(0, Gait.FORWARD, outcome)
+        return topic, one.model_copy(update={"requester_boot": boot})
+
+    runs = summarise(
+        [
+            robot.ask(0, Gait.FORWARD, boot=1),
+            robot.ask(0, Gait.FORWARD, boot=2),
+            reply(ACCEPTED, 1),
+            reply(GaitOutcome.REFUSED, 2),
+            reply(COMPLETED, 1),
+        ]
+    ).gait_runs
+    assert [run.outcome for run in runs] == ["completed", "refused"]
+
+
+def test_stops_and_hand_overs_are_events_once_each() -> None:
+    robot = FakeRobot()
+
+    def state(changes: int, change: AuthorityChange, holder: str, previous: str) -> Pair:
+        return WBC_AUTHORITY, AuthorityState(
+            header=robot.header(WBC_AUTHORITY, "wbc"),
+            holder=holder,
+            holder_boot=1,
+            kind=OperatorKind.PERSON,
+            changes=changes,
+            change=change,
+            previous=previous,
+            previous_boot=2,
+            since=0,
+        )
+
+    def button(*, pressed: bool) -> Pair:
+        header = robot.header(ESTOP, "keyboard")
+        return ESTOP, Estop(header=header, reason="key x", pressed=pressed)
+
+    topic, stopped = robot.status()
+    stopped = stopped.model_copy(
+        update={"stops": 1, "stopped_by": "keyboard", "stop_reason": "key x"}
+    )
+    messages = [
+        robot.plant(PLANT_STATE, 0, 0, 0),
+        state(0, AuthorityChange.NONE, "", ""),
+        *[state(1, AuthorityChange.GRANTED, "script", "")] * 3,
+        *[state(2, AuthorityChange.TAKEN, "keyboard", "script")] * 3,
+        *[button(pressed=False)] * 3,
+        *[button(pressed=True)] * 3,
+        *[(topic, stopped)] * 3,
+        state(3, AuthorityChange.STOPPED, "", "keyboard"),
+        (
+            ESTOP_CLEAR,
+            EstopClear(header=robot.header(ESTOP_CLEAR, "keyboard"), stops=1, reason="key r"),
+        ),
+        button(pressed=False),
+    ]
+    summary = summarise(messages)
+    assert [event.text for event in summary.events] == [
+        "script has the robot (granted)",
+        "keyboard has the robot (taken), before that script",
+        "EMERGENCY STOP by keyboard: key x",
+        "plant stopped by keyboard (stop 1): key x",
+        "nobody has the robot (stopped), before that keyboard",
+        "emergency stop 1 cleared by keyboard: key r",
+    ]
+    assert summary.plant.stops == 1
+
+
 def test_real_time_factor_compares_robot_time_with_the_senders_clock() -> None:
     robot = FakeRobot()
     _, first = robot.plant(PLANT_STATE, 0.0, 0.0, 0.0)
@@ -179,7 +318,7 @@ def test_services_keep_totals_and_the_worst_window() -> None:
     assert (wbc.input_gaps, wbc.input_refused) == (2, 1)
 
 
-def test_topics_count_gaps_per_source_and_life() -> None:
+def test_topics_have_rates_per_source_and_life_and_the_losses_that_the_log_counts() -> None:
     robot = FakeRobot()
     messages = []
     for index in range(11):
@@ -192,7 +331,9 @@ def test_topics_count_gaps_per_source_and_life() -> None:
     topics = summarise(
         messages,
         about_log=lambda: LogFindings(
-            dropped={"camera/left": 4, "plant/state": 1}, refused={"plant/state": 2}
+            lost={"plant/state": 3},
+            dropped={"camera/left": 4, "plant/state": 1},
+            refused={"plant/state": 2},
         ),
     ).topics
     assert topics["plant/state"].messages == 12

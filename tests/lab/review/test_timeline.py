@@ -1,9 +1,11 @@
 """Timelines of known runs, and the moments chosen from them."""
 
 import numpy as np
+import pytest
 
 from common.schemas import CameraFrame, Gait, OperatorStatus
 from common.topics import CAMERA_LEFT, PLANT_TRUTH, TELEOP_STATUS
+from lab.review import timeline as timeline_module
 from lab.review.timeline import (
     MAX_IMAGES,
     RATE,
@@ -133,3 +135,26 @@ def test_a_long_run_is_shown_faster() -> None:
     assert frame_step(timeline, most=1000) == 1
     assert frame_step(timeline, most=100) == 1
     assert frame_step(timeline, most=99) == 2
+
+
+def test_a_long_run_is_thinned_and_its_events_stay_in_place(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def made() -> Timeline:
+        robot = FakeRobot()
+        pairs: list[Pair] = []
+        for number in range(6):
+            x = 0.2 * number
+            pairs += robot.gait(number, Gait.FORWARD, (x, 0, 0), (x + 0.2, 0, 0))
+        return read_timeline(pairs)
+
+    whole = made()
+    monkeypatch.setattr(timeline_module, "MAX_TRUTH", 50)
+    thin = made()
+    assert len(whole.truth) > 100
+    assert 25 <= len(thin.truth) <= 51
+    for long, short in zip(whole.gaits, thin.gaits, strict=True):
+        assert thin.seconds_at(short.start) == pytest.approx(whole.seconds_at(long.start), abs=0.81)
+        assert thin.seconds_at(short.end) == pytest.approx(whole.seconds_at(long.end), abs=0.81)
+    assert thin.truth[0] is not None
+    assert len(thin.scene_states) == len(thin.truth)

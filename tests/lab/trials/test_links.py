@@ -7,6 +7,7 @@ import pytest
 from common.errors import ConfigError
 from common.links.config import Links
 from common.links.spec import LinkSpec
+from common.transport.config import BusConfig
 from deploy.system import environment
 from lab.trials.links import chosen_links, link_warnings, system_links
 
@@ -52,11 +53,11 @@ def test_latency_goes_to_the_services_over_what_is_there(monkeypatch: pytest.Mon
     assert system_links(["command=1ms"], {}, None) == "command=1ms"
     monkeypatch.setenv("TRILL_LINKS", "wbc:teleop/gait=5ms; camera=6ms")
     both = system_links(["command=250ms"], {}, None)
-    assert environment(7448, None, both)["TRILL_LINKS"] == both
+    assert environment(BusConfig(), None, both)["TRILL_LINKS"] == both
     links = Links.from_variable(both)
     assert str(links.of("wbc", "teleop/gait")) == "250ms"
     assert str(links.of("keyboard", "camera/left")) == "6ms"
-    assert "TRILL_LINKS" not in environment(7448, None)
+    assert "TRILL_LINKS" not in environment(BusConfig(), None)
 
 
 def test_a_tasks_own_link_holds_unless_links_are_given(

@@ -1,5 +1,6 @@
 """The digest names every module that has a part in an episode, and nothing else."""
 
+import os
 import platform
 import subprocess
 import sys
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import lab.trials.provenance
-from lab.trials.provenance import ROOT, closure, digest, environment, revision
+from lab.trials.provenance import ROOT, closure, digest, environment, machine, revision
 
 WORK = """
 import sys
@@ -86,3 +87,21 @@ def test_the_record_of_a_run_names_python_machine_and_packages() -> None:
     assert int(record["cpus"]) >= 1
     assert record["numpy"] == np.__version__
     assert record.get("commit", "") == revision()
+
+
+def test_the_kind_of_processor_is_named_with_the_kernels_that_work() -> None:
+    assert machine().startswith(platform.machine())
+    assert environment()["machine"] == machine()
+    if "unknown" in machine():
+        pytest.skip("this NumPy has no OpenBLAS of its own")
+    code = "from lab.trials.provenance import machine; print(machine())"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | {"OPENBLAS_CORETYPE": "Prescott"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    # Only on this kind of processor does OpenBLAS know those kernels.
+    assert (done.stdout.strip() == machine()) == (platform.machine() != "x86_64")

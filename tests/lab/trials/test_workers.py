@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from common.program import signals_as_keyboard_interrupt
 from lab.trials.workers import LocalExecutor, stop_request, worker_environment
 
 
@@ -69,17 +70,19 @@ def test_the_end_does_not_wait_for_a_stopped_worker() -> None:
         time.sleep(0.05)
 
 
-def test_ctrl_c_waits_until_a_worker_has_begun() -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_request_to_end_waits_until_a_worker_has_begun(number: signal.Signals) -> None:
     """Also when another thread takes the signal, as those of libraries do."""
     go, reached = threading.Event(), False
 
     def take() -> None:
         go.wait()
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
 
     thread = threading.Thread(target=take)
     thread.start()
-    with pytest.raises(KeyboardInterrupt), worker_environment():  # noqa: PT012
+    ended, program = pytest.raises(KeyboardInterrupt), signals_as_keyboard_interrupt()
+    with ended, program, worker_environment():
         go.set()
         thread.join()
         reached = True

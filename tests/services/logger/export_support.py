@@ -27,6 +27,7 @@ from common.schemas import (
 from common.transport.tap import RawSample
 from common.wire.codec import encode, schema_tag
 from common.wire.header import wire_header
+from services.logger.read import segments
 from services.logger.record.config import LoggerConfig
 from services.logger.record.sink import McapSink
 
@@ -85,9 +86,7 @@ def read(path: Path) -> dict[str, list[Read]]:
 
 def origin_of(path: Path) -> dict[str, str]:
     """The metadata of a log that ties its clock to the wall."""
-    with path.open("rb") as stream:
-        (record,) = (r for r in make_reader(stream).iter_metadata() if r.name == "recording")
-    return dict(record.metadata)
+    return segments.origin_of(path) or {}
 
 
 def sample(key: str, message: Message, seq: int, source: str = "sim", **header: int) -> RawSample:

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from mcap.writer import Writer
 
 from common.schemas import (
     CameraFrame,
@@ -74,3 +75,16 @@ def record(path: Path, arrivals: list[RawSample], config: LoggerConfig | None = 
         recorder.intake.offer(arrival)
     recorder.stop()
     return recorder
+
+
+def write_foreign(path: Path, count: int = 100, *, chunked: bool = False) -> None:
+    """A valid file of another MCAP writer: ``count`` messages, as a rule outside chunks."""
+    with path.open("wb") as stream:
+        writer = Writer(stream, use_chunking=chunked)
+        writer.start()
+        schema = writer.register_schema("X", "jsonschema", b"{}")
+        channel = writer.register_channel("draco3/x", "json", schema)
+        for number in range(count):
+            time = 10**9 + number * 10**7
+            writer.add_message(channel, time, b"{}", time, number)
+        writer.finish()

@@ -94,6 +94,23 @@ def test_a_wild_number_is_no_million_lost_ones() -> None:
     assert (count.sent, count.lost, count.headerless) == (3 + 1 + 1, 0, 1)
 
 
+def test_one_stray_message_adds_no_gaps() -> None:
+    """98,722 numbers too far, in the file all the same; then 2,000 real ones are lost."""
+    stats = DeliveryStats()
+    numbered(stats, [*range(100), 98_821, *range(100, 300)])
+    for _ in range(2):
+        count = stats.report()["a"]
+        assert (count.recorded, count.lost, count.headerless) == (301, 0, 1)
+        stats = DeliveryStats.from_metadata(stats.to_metadata())
+    numbered(stats, list(range(2300, 2400)))
+    assert stats.report()["a"].lost == 2000
+    # Before the rest, too.
+    stats = DeliveryStats()
+    numbered(stats, [3, *range(90_000, 90_100)])
+    dropped(stats, [200_000])
+    assert stats.report()["a"].lost == 0
+
+
 def test_a_flood_of_streams_is_bounded() -> None:
     stats = DeliveryStats()
     for boot in range(1000):

@@ -45,10 +45,16 @@ def feed() -> Iterator[tuple[int, Any, Callable[[], float]]]:
 
 
 def record_until_full(
-    out: Path, port: int, send: Callable[[], float], limit: Callable[[], None] | None = None
+    out: Path,
+    port: int,
+    send: Callable[[], float],
+    limit: Callable[[], None] | None = None,
+    min_free: str = "0",
+    period: float = 0.01,
 ) -> tuple[int, str]:
+    where = ["--out", str(out), "--base-port", str(port)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "services.logger", "--out", str(out), "--base-port", str(port)],
+        [sys.executable, "-m", "services.logger", *where, "--min-free", min_free],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -59,7 +65,7 @@ def record_until_full(
         while process.poll() is None:
             assert time.monotonic() < deadline, "the recorder did not notice"
             send()
-            time.sleep(0.01)
+            time.sleep(period)
         return process.returncode, process.communicate()[0]
     finally:
         process.kill()
@@ -123,3 +129,21 @@ def test_a_full_disk(tmp_path: Path, tiny_disk: Path, feed: Any) -> None:
         repair(tiny_disk / "log.mcap")
     assert (tiny_disk / "log.mcap").read_bytes() == before
     assert [one.name for one in tiny_disk.iterdir()] == ["log.mcap"]
+
+
+def test_a_nearly_full_disk_ends_the_recording_whole(
+    tmp_path: Path, tiny_disk: Path, feed: Any
+) -> None:
+    port, _, send = feed
+    code, printed = record_until_full(tiny_disk, port, send, min_free="500kB", period=0.05)
+    assert code == 1
+    assert "min_free" in printed
+    log = tiny_disk / "log.mcap"
+    assert fault_of(log) == ""
+    assert sum(1 for _ in LogReader(log).raw_messages()) > 5
+    # Another one does not even begin, and leaves nothing behind.
+    out = tiny_disk / "next"
+    code, printed = record_until_full(out, port, send, min_free="500kB")
+    assert code == 1
+    assert "min_free" in printed
+    assert not out.exists()

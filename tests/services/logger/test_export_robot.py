@@ -33,6 +33,7 @@ def reference(seed: int) -> Any:
         for name in FINGER_JOINTS[side]:
             data.joint(name).qpos[0] = GRIPPER_STROKE * (1.0 - closure)
     mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
     return model, data
 
 
@@ -57,7 +58,14 @@ def test_transforms_chain_to_where_every_link_is(tmp_path: Path) -> None:
     for name in ("l_hand", "r_hand", "l_foot", "r_foot"):
         assert np.allclose(placed[name][1], data.site(name).xpos, atol=1e-9)
         assert np.allclose(placed[name][0], data.site(name).xmat.reshape(3, 3), atol=1e-9)
-    assert set(placed) == {"world", "l_hand", "r_hand", "l_foot", "r_foot", *bodies}
+    for eye in ("left", "right"):
+        turn, place = placed[f"{eye}_camera"]
+        assert np.allclose(place, data.camera(eye).xpos, atol=1e-9)
+        # Of an image: x right, y down, z ahead; of MuJoCo's camera: y up, z back.
+        flipped = data.camera(eye).xmat.reshape(3, 3) * [1, -1, -1]
+        assert np.allclose(turn, flipped, atol=1e-9)
+    sites = {"l_hand", "r_hand", "l_foot", "r_foot", "left_camera", "right_camera"}
+    assert set(placed) == {"world", *sites, *bodies}
 
 
 def test_measured_hands_are_in_the_body_frame(tmp_path: Path) -> None:

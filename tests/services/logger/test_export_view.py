@@ -74,14 +74,16 @@ def prepare(log: Path, *, fresh: bool = False) -> Summary | None:
 def test_a_recording_is_kept_until_the_log_grows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(view, "write_recording", lambda source, path, name: path.write_text(name))
+    monkeypatch.setattr(
+        view, "write_recording", lambda source, path, name, identity: path.write_text(name)
+    )
     log = tmp_path / "log.mcap"
     write(log, session())
     os.utime(log, (1000.0, 1000.0))
     first = prepare(log)
     assert first is not None
     assert first.converted.total() == len(session())
-    assert (tmp_path / "log-view.rrd").read_text() == tmp_path.name
+    assert (tmp_path / "log-view.rrd").read_text() == f"{tmp_path.name}/log"
     assert prepare(log) is None
     assert prepare(log, fresh=True) is not None
     write(tmp_path / "log-2.mcap", session())
@@ -96,13 +98,24 @@ def test_a_recording_is_kept_until_the_log_grows(
     }
 
 
+def test_no_two_logs_have_the_same_identity(tmp_path: Path) -> None:
+    (tmp_path / "containers").mkdir()
+    (tmp_path / "later" / "containers").mkdir(parents=True)
+    logs = [tmp_path / "containers" / name for name in ("a.mcap", "b.mcap")]
+    logs.append(tmp_path / "later" / "containers" / "a.mcap")
+    for log in logs:
+        write(log, session()[:1])
+    assert len({view.identity_of(log) for log in logs}) == 3
+    assert view.identity_of(logs[0]) == view.identity_of(logs[0])
+
+
 def test_rerun_reads_what_is_written(tmp_path: Path) -> None:
     pytest.importorskip("rerun", reason="needs the view extra")
     from rerun.chunk import RrdReader
 
     write(tmp_path / "log.mcap", session())
     export_log(tmp_path / "log.mcap", tmp_path / "out.mcap")
-    view.write_recording(tmp_path / "out.mcap", tmp_path / "view.rrd", name="a run")
+    view.write_recording(tmp_path / "out.mcap", tmp_path / "view.rrd", name="a run", identity="one")
     rows: dict[str, int] = {}
     static: set[str] = set()
     for chunk in RrdReader(tmp_path / "view.rrd").stream():

@@ -34,7 +34,7 @@ def log(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         # All messages are there, but neither statistics nor index.
         index = read_index(path)
         data = path.read_bytes()
-        statistics = data.index(b"account", index.chunks[-1].offset)
+        statistics = data.index(b"account", index.places[-1].offset)
         path.write_bytes(data[: statistics - 20])
         assert not read_index(path).whole
     return path
@@ -82,7 +82,7 @@ def test_a_whole_log_is_not_read_through(tmp_path: Path) -> None:
     marks = {number for number, one in index.channels.items() if "camera" not in one.topic}
     data = bytearray(path.read_bytes())
     spoilt = 0
-    for place in index.chunks:
+    for place in index.places:
         if place.channels.isdisjoint(marks):
             data[place.offset + 100] ^= 0xFF
             spoilt += 1

@@ -26,7 +26,7 @@ def log_of(path: Path, **config: object) -> bytes:
 def test_all_readers_agree_on_a_chunk_that_is_cut_off(tmp_path: Path, compression: str) -> None:
     path = tmp_path / "log.mcap"
     data = log_of(path, compression=compression, chunk_size=120_000)
-    chunk = read_index(path).chunks[1]
+    chunk = read_index(path).places[1]
     path.write_bytes(data[: chunk.offset + 100_000])
     assert not read_index(path).whole
     reader = LogReader(path)
@@ -45,7 +45,7 @@ def test_all_readers_agree_on_a_chunk_that_is_cut_off(tmp_path: Path, compressio
 def test_spans_cover_the_file_and_resume_behind_a_hole(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     data = bytearray(log_of(path))
-    first, second, *_ = read_index(path).chunks
+    first, second, *_ = read_index(path).places
     # From the message indexes of the first chunk into the second.
     data[second.offset - 100 : second.offset + 200] = bytes(300)
     path.write_bytes(data)
@@ -68,7 +68,7 @@ def test_spans_cover_the_file_and_resume_behind_a_hole(tmp_path: Path) -> None:
 def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     data = bytearray(log_of(path, compression="none"))
-    chunk = read_index(path).chunks[1]
+    chunk = read_index(path).places[1]
     data[chunk.offset + 20_000] ^= 1
     path.write_bytes(data)
     found = []
@@ -76,3 +76,24 @@ def test_a_wrong_checksum_is_damage(tmp_path: Path) -> None:
         found += [one.sequence for one in LogReader(path).raw_messages()]
     assert found == []
     assert repair(path).losses.damaged_chunks == 1
+
+
+def resident_files() -> int:
+    """Size of the mapped files that are in this process's memory [bytes]."""
+    status = Path("/proc/self/status").read_text()
+    return int(status.partition("RssFile:")[2].split()[0]) * 1024
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs /proc")
+def test_a_large_file_is_never_in_memory_as_a_whole(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    config = LoggerConfig(compression="none", chunk_size=2**21)
+    # The same payload again and again: what matters is the size of the file, 96 MB.
+    one = picture(0, size=2_000_000)
+    write(path, [one] * 48, config)
+    before, most = resident_files(), 0
+    with open_mcap(path) as file:
+        for span in file.spans():
+            for _ in file.records(span):
+                most = max(most, resident_files() - before)
+    assert 2_000_000 < most < 40_000_000

@@ -154,3 +154,25 @@ def test_two_loggers_in_one_directory_are_refused(
         assert "being recorded by another logger" in said
         assert first.poll() is None
     assert not (tmp_path / "log-2.mcap").exists()
+
+
+def test_a_recorder_that_hears_nothing_says_where_it_listens(
+    tmp_path: Path, bus: BusConfig
+) -> None:
+    with logger(tmp_path / "run", bus.base_port) as process:
+        assert process.stdout is not None
+        lines = iter(process.stdout.readline, "")
+        warning = next(line for line in lines if "nothing heard" in line)
+        assert str(bus.base_port) in warning
+        assert "--connect" in warning
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+
+
+def test_a_recorder_that_fails_leaves_no_empty_directory(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    for words in (["--min-free", "900000TB"], ["--topics", "a//b"]):
+        command = [sys.executable, "-m", "services.logger", "--out", str(tmp_path / "run"), *words]
+        done = subprocess.run(command, capture_output=True, check=False)
+        assert done.returncode in {1, 2}
+        assert not (tmp_path / "run").exists()

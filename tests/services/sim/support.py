@@ -1,18 +1,16 @@
-"""Commands to offer and inputs under the test's control."""
+"""Commands to offer, and the least of controllers."""
 
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
 from common.plant.fallback import HOLD_DAMPING, HOLD_STIFFNESS
+from common.plant.limits import STIFFNESS_MAX
 from common.robot.joints import NOMINAL_POSITION
-from common.runtime.service import Inputs
-from common.schemas import Header, JointCommand, Message, PlantState, Sender
-from common.topics import Topic
+from common.schemas import Header, JointCommand, PlantState
 from services.sim.physics.plant import Plant
 from services.sim.physics.stance import standing_torque
 
-M = TypeVar("M", bound=Message)
 MS = 1_000_000
 
 
@@ -43,7 +41,7 @@ class Stander:
             state.header.stamp,
             position=self._position,
             torque=self._torque,
-            stiffness=HOLD_STIFFNESS,
+            stiffness=np.minimum(HOLD_STIFFNESS, STIFFNESS_MAX),
             damping=HOLD_DAMPING,
         )
 
@@ -66,42 +64,3 @@ def run_silently(plant: Plant, seconds: float) -> None:
 def state_bytes(state: PlantState) -> bytes:
     """Everything in ``state``, to the last bit."""
     return repr(state.model_dump()).encode()
-
-
-class FakeInputs(Inputs):
-    """Inputs set by hand; each message is updated for one step."""
-
-    def __init__(self) -> None:
-        self._latest: dict[str, Message] = {}
-        self._updated: set[str] = set()
-        self._events: dict[str, list[Any]] = {}
-        self._senders: dict[str, dict[Sender, Any]] = {}
-
-    def put(self, topic: Topic[Any], message: Message) -> None:
-        self._latest[topic.name] = message
-        self._updated.add(topic.name)
-        self._events.setdefault(topic.name, []).append(message)
-        self._senders.setdefault(topic.name, {})[message.header.sender] = message
-
-    def begin_step(self) -> None:
-        """Forget what the previous step saw."""
-        self._updated.clear()
-        self._events.clear()
-
-    def latest(self, topic: Topic[M]) -> M | None:
-        return self._latest.get(topic.name)  # type: ignore[return-value]
-
-    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
-        return dict(self._senders.get(topic.name, {}))
-
-    def updated(self, topic: Topic[Any]) -> bool:
-        return topic.name in self._updated
-
-    def fresh(self, topic: Topic[Any]) -> bool:
-        return topic.name in self._latest
-
-    def age(self, topic: Topic[Any]) -> float:
-        return 0.0 if topic.name in self._latest else float("inf")
-
-    def events(self, topic: Topic[M]) -> list[M]:
-        return list(self._events.get(topic.name, []))

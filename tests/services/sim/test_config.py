@@ -1,11 +1,12 @@
 """Configuration, and the command line over it."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from common.errors import ConfigError
-from common.plant.config import TorqueMode
+from common.plant.config import GuardConfig, TorqueMode
 from common.runtime.live.main import argument_parser
 from common.tables import validated
 from services.sim import __main__ as cli
@@ -53,6 +54,18 @@ def test_options_lie_over_the_file_which_lies_over_the_defaults() -> None:
     assert config.noise == TYPICAL_NOISE
     assert parse({"noise": {"position": 0.01}}, "--noise", "none").noise.position == 0.0
     assert parse({}) == SimConfig()
+
+
+def test_the_file_of_stops_is_the_launchers_unless_the_configuration_names_one(
+    tmp_path: Path,
+) -> None:
+    given = ("--latch-file", str(tmp_path / "a.json"))
+    assert parse({}).guard.latch_file == ""
+    assert parse({"guard": {"damp_after": 4.0}}, *given).guard == GuardConfig(
+        damp_after=4.0, latch_file=given[1]
+    )
+    own = str(tmp_path / "b.json")
+    assert parse({"guard": {"latch_file": own}}, *given).guard.latch_file == own
 
 
 def test_help_teaches(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,8 +18,9 @@ from services.sim.rendering import cameras
 from services.sim.rendering.cameras import CameraConfig, CameraService, StereoRenderer, encode
 from services.sim.rendering.offscreen import Offscreen
 from services.sim.rendering.render import FollowCamera, contact_sheet, render_states
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs
+from .support import MS
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +127,19 @@ def test_without_gl_the_message_says_what_to_install(monkeypatch: pytest.MonkeyP
     monkeypatch.setitem(sys.modules, "mujoco.egl", None)
     with pytest.raises(RenderingUnavailableError, match="install libegl1"):
         Offscreen(build_model(), 32, 24)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value"), [("PYOPENGL_PLATFORM", "osmesa"), ("MUJOCO_EGL_DEVICE_ID", "7")]
+)
+def test_variables_that_are_left_set_are_named_before_packages(
+    monkeypatch: pytest.MonkeyPatch, variable: str, value: str
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco.egl", None)
+    monkeypatch.setenv(variable, value)
+    with pytest.raises(RenderingUnavailableError, match=f"{variable}={value}") as told:
+        Offscreen(build_model(), 32, 24)
+    assert "libegl1" not in str(told.value)
 
 
 def test_the_follow_camera_keeps_a_walking_robot_in_the_picture(truth: Any) -> None:

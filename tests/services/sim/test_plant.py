@@ -7,7 +7,9 @@ import pytest
 
 from common.plant.config import TorqueMode
 from common.plant.guard import Refusal
-from common.schemas import GuardMode, Header
+from common.plant.stop import StopRecord
+from common.robot.joints import JOINT_INDEX
+from common.schemas import GuardMode, Header, JointCommand
 from services.sim.config import TYPICAL_NOISE, SimConfig
 from services.sim.errors import PlantDivergedError
 from services.sim.physics.plant import START_NS, Plant
@@ -115,8 +117,9 @@ def test_commands_move_joints_and_grippers() -> None:
     robot = plant()
     stander = Stander(robot)
     wish = robot.truth().joint_position.copy()
-    wish[-1] = 0.4
-    for i in range(500):
+    for i in range(800):
+        # A step of 0.4 rad would be refused from a robot that is just being taken over.
+        wish[-1] = min(0.4, 1e-3 * i)
         if i % 10 == 0:
             command = stander.command(robot.truth())
             robot.offer(
@@ -155,21 +158,80 @@ def test_a_hard_push_makes_it_fall_and_limp() -> None:
     assert mode(robot) is GuardMode.DAMP
 
 
-def test_estop_goes_limp_at_once_and_only_reset_ends_it() -> None:
+def test_a_stop_goes_limp_at_once_and_no_reset_ends_it() -> None:
     robot = plant()
     stander = Stander(robot)
     stander.run(robot, 0.1)
-    robot.estop()
+    robot.guard.estop("keyboard", "smoke")
     robot.step()
-    assert np.abs(robot.truth().joint_torque).max() < 1.0, "standing still, damping has no torque"
-    assert not robot.offer(stander.command(robot.truth()))
-    assert mode(robot) is GuardMode.ESTOP
+    state = robot.truth()
+    assert np.abs(state.joint_torque).max() < 1.0, "standing still, damping has no torque"
+    assert state.guard is GuardMode.ESTOP
+    assert not robot.offer(stander.command(state))
     run_silently(robot, 1.0)
-    assert robot.fallen
+    assert robot.truth().fallen
+    robot.reset()
+    assert not robot.fallen, "the pose is reset"
+    robot.step()
+    assert np.abs(robot.truth().joint_torque).max() < 1.0
+    assert mode(robot) is GuardMode.ESTOP
+    assert robot.guard.clear(1, robot.now_ns)
+    run_silently(robot, 0.1)
+    assert mode(robot) is GuardMode.DAMP
     robot.reset()
     run_silently(robot, 0.5)
     assert mode(robot) is GuardMode.SILENT
     assert not robot.fallen
+
+
+def test_comes_up_stopped_in_the_pose_of_any_start() -> None:
+    free, stopped = plant(), Plant(SimConfig(), StopRecord(latched=True, stops=4))
+    assert stopped.truth().guard is GuardMode.ESTOP
+    assert stopped.truth().base_position == pytest.approx(free.truth().base_position)
+    assert stopped.reset_count == 0
+    stopped.step()
+    assert np.abs(stopped.truth().joint_torque).max() < 1.0
+    assert stopped.guard.clear(4, stopped.now_ns)
+    stopped.reset()
+    run_silently(stopped, 0.5)
+    assert stopped.truth().base_position[2] == pytest.approx(
+        free.truth().base_position[2], abs=1e-3
+    )
+
+
+def test_a_robot_still_standing_after_the_clear_is_caught_smoothly() -> None:
+    robot = plant()
+    stander = Stander(robot)
+    stander.run(robot, 0.1)
+    robot.guard.estop("keyboard", "smoke")
+    run_silently(robot, 0.03)
+    assert robot.guard.clear(1, robot.now_ns)
+    robot.step()
+    stander.run(robot, 1.0)
+    assert mode(robot) is GuardMode.ACTIVE
+    assert not robot.fallen
+
+
+def test_after_damping_a_far_command_is_refused_and_a_near_one_ramps_in() -> None:
+    robot = plant(guard={"hold_after": 0.1, "damp_after": 0.2})
+    Stander(robot).run(robot, 0.1)
+    run_silently(robot, 0.23)
+    assert mode(robot) is GuardMode.DAMP
+    state = robot.truth()
+    elbow = JOINT_INDEX["l_elbow_fe"]
+
+    def command(distance: float) -> JointCommand:
+        position = state.joint_position.copy()
+        position[elbow] -= distance
+        return make_command(robot.now_ns, position=position)
+
+    for distance in (0.4, -0.4):
+        assert not robot.offer(command(distance))
+        assert robot.guard.last_refusal is Refusal.FAR
+    assert robot.offer(command(0.25))
+    robot.step()
+    torque = robot.truth().joint_torque[elbow]
+    assert -4.0 < torque < 0.0, "100 N·m/rad act on 0.02 rad at first, not on 0.25 rad"
 
 
 def test_reset_restores_the_pose_but_not_the_time() -> None:
@@ -231,14 +293,40 @@ def test_a_reset_with_the_same_seed_repeats_the_start() -> None:
     assert robot.truth().base_position[2] == pytest.approx(first.base_position[2], abs=1e-3)
 
 
-def test_divergence_is_reported_and_reset_mends_it() -> None:
-    robot = plant()
-    robot.data.qvel[:] = np.nan
-    with pytest.raises(PlantDivergedError, match="expected finite positions, got NaN"):
-        run_silently(robot, 0.01)
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e5])
+@pytest.mark.parametrize(
+    ("part", "joint"),
+    [
+        ("qpos", "l_knee_fe_jp"),
+        ("qvel", "r_ankle_ie"),
+        ("qvel", "door_hinge"),
+        ("qpos", "door_hinge"),
+    ],
+)
+def test_divergence_of_robot_or_scene_is_noticed_in_the_step_and_reset_mends_it(
+    door: Plant, part: str, joint: str, value: float
+) -> None:
+    robot = door
+    getattr(robot.data.joint(joint), part)[:] = value
+    with pytest.raises(PlantDivergedError, match="expected positions and speeds"):
+        robot.step()
     robot.reset()
-    run_silently(robot, 0.2)
+    run_silently(robot, 0.05)
+    assert np.isfinite(robot.data.qpos).all()
     assert not robot.fallen
+
+
+@pytest.fixture(scope="module")
+def door() -> Plant:
+    return plant(scene="door")
+
+
+def test_divergence_names_the_joint(door: Plant) -> None:
+    door.data.joint("door_hinge").qvel[:] = 2e3
+    with pytest.raises(PlantDivergedError, match=r"speed .* of door_hinge"):
+        door.step()
+    door.reset()
 
 
 def test_contacts_name_what_touches() -> None:

@@ -2,15 +2,28 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from common.errors import SchemaError
 from common.runtime.service import Output
-from common.schemas import Estop, GuardMode, PlantAction, PlantRequest, PlantState, PlantStatus
+from common.schemas import (
+    Estop,
+    EstopClear,
+    GuardMode,
+    Header,
+    PlantAction,
+    PlantRequest,
+    PlantState,
+    PlantStatus,
+)
 from common.topics import (
     ESTOP,
+    ESTOP_CLEAR,
     PLANT_REQUEST,
     PLANT_STATE,
     PLANT_STATUS,
@@ -18,11 +31,13 @@ from common.topics import (
     WBC_COMMAND,
     Topic,
 )
+from common.wire.codec import decode, encode
 from services.sim.config import TYPICAL_NOISE, SimConfig
 from services.sim.physics.plant import START_NS
 from services.sim.service import PlantService
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, Stander, make_command
+from .support import MS, Stander, make_command
 
 
 class Bench:
@@ -106,9 +121,21 @@ def test_refused_commands_are_counted_and_told_once_a_second(
         bench.run(10)
     bench.run(3000)
     told = [record.message for record in caplog.records]
-    assert told == ["refused 30 commands, the last: made from a state before the last reset"]
+    assert len(told) == 1
+    assert told[0].startswith("refused 30 commands, the last: nameless (boot 0): made from a state")
+    assert bench.status.last_refusal in told[0]
     assert (bench.status.commands_applied, bench.status.commands_refused) == (0, 30)
     assert bench.guard() is GuardMode.SILENT
+
+
+def test_what_a_stopped_robot_refuses_is_told_once(caplog: pytest.LogCaptureFixture) -> None:
+    bench = Bench()
+    bench.inputs.put(ESTOP, Estop(reason="smoke"))
+    for _ in range(30):
+        bench.run(100)
+        bench.inputs.put(WBC_COMMAND, make_command(bench.service.plant.now_ns))
+    assert bench.status.commands_refused >= 29
+    assert [record.message.startswith("refused") for record in caplog.records].count(True) == 1
 
 
 def test_status_tells_the_age_of_the_state_behind_the_torque() -> None:
@@ -180,15 +207,152 @@ def test_reset_counts_publishes_at_once_and_keeps_time_going() -> None:
     assert bench.guard() is GuardMode.SILENT
 
 
-def test_estop_is_obeyed() -> None:
+def test_a_push_that_no_robot_survives_is_refused_by_sender_and_receiver() -> None:
+    with pytest.raises(ValidationError, match="at most 2000 N, got 3000 N"):
+        PlantRequest(action=PlantAction.PUSH, force=np.array([0.0, 3000.0, 0.0]))
+    unchecked = PlantRequest.model_construct(
+        action=PlantAction.PUSH, force=np.array([0.0, 2001.0, 0.0]), header=Header(seq=1, boot=1)
+    )
+    with pytest.raises(SchemaError, match="got 2001 N"):
+        decode(encode(unchecked, unchecked.header), PlantRequest)
+    assert PlantRequest(action=PlantAction.PUSH, force=np.array([2000.0, 0.0, 0.0]))
+
+
+def pressed(source: str = "keyboard") -> Estop:
+    return Estop(header=Header(source=source), reason="smoke")
+
+
+def clear(stops: int) -> EstopClear:
+    return EstopClear(header=Header(source="keyboard"), reason="looked", stops=stops)
+
+
+def test_a_stop_is_told_at_once_and_ended_by_its_own_clear_only() -> None:
     bench = Bench()
-    bench.run(5)
-    bench.inputs.put(ESTOP, Estop(reason="test"))
-    bench.run(150)
-    assert bench.guard() is GuardMode.ESTOP
+    bench.run(52)
+    bench.outputs.clear()
+    for _ in range(8):
+        bench.inputs.put(ESTOP, pressed())
+    bench.run(1)
+    (state,), (status,) = bench.states, bench.said(PLANT_STATUS)
+    assert state.guard is status.guard is GuardMode.ESTOP
+    assert np.abs(state.joint_torque).max() < 1.0, "limp in the same step"
+    assert (status.stops, status.stopped_by, status.stop_reason) == (1, "keyboard", "smoke")
     bench.ask(PlantAction.RESET)
     bench.run(150)
+    assert bench.states[-1].reset_count == 1
+    assert bench.guard() is GuardMode.ESTOP
+    bench.inputs.put(ESTOP_CLEAR, clear(2))
+    bench.run(1)
+    assert bench.guard() is GuardMode.ESTOP
+    bench.outputs.clear()
+    bench.inputs.put(ESTOP_CLEAR, clear(1))
+    bench.run(1)
+    assert bench.states[-1].guard is GuardMode.DAMP
+    assert bench.guard() is GuardMode.DAMP
+    assert (bench.status.stops, bench.status.stopped_by) == (1, "")
+    bench.inputs.put(ESTOP_CLEAR, clear(1))
+    bench.inputs.put(ESTOP, pressed("headset"))
+    bench.run(1)
+    assert bench.guard() is GuardMode.ESTOP
+    assert bench.status.stops == 2
+
+
+def test_a_stop_while_paused_repeats_no_stamp() -> None:
+    bench = Bench()
+    bench.run(52)
+    bench.ask(PlantAction.PAUSE)
+    bench.run(1)
+    bench.inputs.put(ESTOP, pressed())
+    bench.run(50)
+    assert bench.guard() is GuardMode.ESTOP
+    bench.ask(PlantAction.RESUME)
+    bench.run(50)
+    stamps = [state.header.stamp for state in bench.states]
+    assert np.diff(stamps).min() > 0
+    assert bench.states[-1].guard is GuardMode.ESTOP
+
+
+def test_a_beat_is_no_stop_and_its_absence_holds() -> None:
+    bench = Bench(guard={"stop_beat_timeout": 0.2})
+    bench.run(20)
+    stander = Stander(bench.service.plant)
+    for ms in range(0, 600, 10):
+        if ms < 300 and ms % 100 == 0:
+            bench.inputs.put(ESTOP, Estop(reason="", pressed=False))
+        bench.inputs.put(WBC_COMMAND, stander.command(bench.states[-1]))
+        bench.run(10)
+        assert bench.service.plant.guard.mode is (GuardMode.ACTIVE if ms < 400 else GuardMode.HOLD)
+    assert bench.status.stops == 0
+    assert "button" in bench.status.last_refusal
+
+
+def test_a_restarted_plant_is_still_stopped(tmp_path: Path) -> None:
+    path = tmp_path / "estop.json"
+    bench = Bench(guard={"latch_file": str(path)})
+    bench.inputs.put(ESTOP, pressed())
+    bench.run(1)
+    assert not path.exists(), "a slow disk does not delay what others hear"
+    bench.run(1)
+    bench = Bench(guard={"latch_file": str(path)})
+    bench.run(1)
+    assert bench.guard() is GuardMode.ESTOP
+    assert (bench.status.stops, bench.status.stopped_by) == (1, "keyboard")
+    bench.inputs.put(ESTOP_CLEAR, clear(1))
+    bench.run(1)
+    bench.service.close()
+    bench = Bench(guard={"latch_file": str(path)})
+    bench.run(1)
     assert bench.guard() is GuardMode.SILENT
+    assert bench.status.stops == 1
+
+
+def test_a_stop_that_cannot_be_kept_is_told(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("")
+    bench = Bench()
+    bench.service._latch_file = tmp_path / "file" / "estop.json"
+    bench.inputs.put(ESTOP, pressed())
+    bench.run(2)
+    assert "a restart will forget the stop" in caplog.text
+    assert bench.guard() is GuardMode.ESTOP
+
+
+def test_a_replay_reads_and_writes_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "estop.json"
+    path.write_text("damaged")
+    again = PlantService.from_settings(
+        SimConfig.model_validate({"guard": {"latch_file": str(path)}}).model_dump(mode="json")
+    )
+    assert again.plant.guard.mode is GuardMode.SILENT
+
+
+def test_a_second_controller_is_refused_and_named_and_hides_nobody() -> None:
+    bench = Bench()
+    bench.run(20)
+    stander = Stander(bench.service.plant)
+
+    def send(source: str, boot: int, **changes: Any) -> None:
+        command = stander.command(bench.states[-1])
+        header = command.header.model_copy(update={"source": source, "boot": boot})
+        bench.inputs.put(WBC_COMMAND, command.model_copy(update={"header": header, **changes}))
+
+    send("wbc", 7)
+    bench.run(1)
+    for ms in range(500):
+        if ms % 10 == 0:
+            send("wbc", 7)
+        send("stray", 0xABC, torque=np.full(27, 50.0))
+        bench.run(1)
+    assert (bench.status.controller, bench.status.controller_boot) == ("wbc", 7)
+    assert bench.states[-1].controller_boot == 7
+    assert bench.status.commands_foreign == bench.status.commands_refused >= 400
+    assert "stray (boot abc)" in bench.status.last_refusal
+    assert 40 <= bench.status.commands_applied <= 51
+    assert bench.status.holds == 0
+    bench.run(150)
+    assert bench.states[-1].controller_boot == 0
+    assert bench.states[-1].guard is GuardMode.HOLD
 
 
 def test_a_slow_runner_loses_time_and_says_so() -> None:
@@ -212,6 +376,7 @@ def test_divergence_ends_in_a_reset_not_in_a_crash() -> None:
     bench = Bench()
     bench.run(10)
     bench.service.plant.data.qvel[:] = np.nan
-    bench.run(50)
+    bench.run(150)
     assert bench.states[-1].reset_count == 1
+    assert bench.status.divergences == 1
     assert np.isfinite(bench.states[-1].joint_position).all()

@@ -32,17 +32,20 @@ class FakeScreen:
 
 
 class Desk:
-    """A keyboard operator that has listened long enough, and its fake surroundings."""
+    """A keyboard operator that has taken the robot, unless told not to, and its surroundings."""
 
-    def __init__(self, controller: FakeController | None = None, settle: float = 4.0) -> None:
+    def __init__(self, controller: FakeController | None = None, *, take: bool = True) -> None:
         self.screen = FakeScreen()
         self.operator = KeyboardOperator(self.screen)
         self.bench = Bench(self.operator, controller or FakeController())
-        self.bench.run(settle)
+        self.bench.run(0.2)
+        if take:
+            self.type("Enter", run=0.1)
 
     def type(self, *keys: str, run: float = 0.05) -> "Desk":
         for key in keys:
-            named = {"space": b" ", "Esc": b"\x1b"} | ESCAPE
+            named = {"space": b" ", "Esc": b"\x1b", "Enter": b"\r"} | ESCAPE
+            named |= {"Backspace": b"\x7f", "Delete": b"\x1b[3~", "Ctrl-c": b"\x1b[99;5u"}
             self.screen.typed.append(named.get(key, key.encode()))
         self.bench.run(0.05 * len(keys) + run)
         return self

@@ -1,4 +1,4 @@
-"""Fakes: inputs under the test's control, and a controller that walks by the clock."""
+"""A bench for operators, with a controller that walks by the clock."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -6,8 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from common.runtime.service import Inputs, Output, Service
+from common.runtime.service import Output, Service
 from common.schemas import (
+    AuthorityChange,
+    AuthorityState,
     ControllerState,
     ControlState,
     Gait,
@@ -17,44 +19,27 @@ from common.schemas import (
     GuardMode,
     Header,
     Message,
+    OperatorClaim,
+    OperatorKind,
     PlantStatus,
-    Sender,
+    Setpoint,
 )
-from common.topics import PLANT_STATUS, TELEOP_GAIT, WBC_REPLY, WBC_STATE, Topic
+from common.topics import (
+    PLANT_STATUS,
+    TELEOP_CLAIM,
+    TELEOP_GAIT,
+    WBC_AUTHORITY,
+    WBC_REPLY,
+    WBC_STATE,
+    WBC_TARGET,
+    Topic,
+)
+from services.teleop.targets.targets import OperatorTargets
+from tests.services.inputs import FakeInputs
 
 TICK_NS = 50_000_000
-
-
-class FakeInputs(Inputs):
-    """Inputs whose messages and ages the test sets."""
-
-    def __init__(self) -> None:
-        self.messages: dict[str, Message] = {}
-        self.ages: dict[str, float] = {}
-        self.queues: dict[str, list[Message]] = {}
-
-    def put(self, topic: Topic[Any], message: Message, age: float = 0.0) -> None:
-        self.messages[topic.name] = message
-        self.ages[topic.name] = age
-
-    def latest(self, topic: Topic[Any]) -> Any:
-        return self.messages.get(topic.name)
-
-    def latest_by_sender(self, topic: Topic[Any]) -> dict[Sender, Any]:
-        message = self.messages.get(topic.name)
-        return {} if message is None else {message.header.sender: message}
-
-    def updated(self, topic: Topic[Any]) -> bool:
-        return topic.name in self.messages
-
-    def fresh(self, topic: Topic[Any]) -> bool:
-        return self.age(topic) <= topic.max_age
-
-    def age(self, topic: Topic[Any]) -> float:
-        return self.ages.get(topic.name, float("inf"))
-
-    def events(self, topic: Topic[Any]) -> list[Any]:
-        return self.queues.pop(topic.name, [])
+BOOT = 77
+"""Boot id of the operator on the bench."""
 
 
 def controller_state(
@@ -94,6 +79,37 @@ def plant_status(**changes: Any) -> PlantStatus:
     return PlantStatus(**(values | changes))
 
 
+def authority(
+    holder: str = "",
+    boot: int = 0,
+    change: AuthorityChange = AuthorityChange.GRANTED,
+    previous: str = "",
+    **changes: Any,
+) -> AuthorityState:
+    """What the controller says; without a holder that somebody has given the robot back."""
+    return AuthorityState(
+        header=Header(stamp=123),
+        holder=holder,
+        holder_boot=boot,
+        kind=OperatorKind.PERSON,
+        changes=1,
+        change=change,
+        previous=previous,
+        previous_boot=0,
+        since=100,
+        **changes,
+    )
+
+
+NOBODY = authority(change=AuthorityChange.RELEASED, previous="somebody")
+
+
+def at_left(*position: float) -> Setpoint:
+    """A target of the controller whose left hand is at a position [m]."""
+    setpoint = OperatorTargets().setpoint(123)
+    return setpoint.model_copy(update={"left_hand_position_in_body": np.array(position)})
+
+
 Answer = Callable[[GaitRequest, int], Sequence[GaitOutcome]]
 
 
@@ -106,12 +122,16 @@ class FakeController:
     """Answers each gait request as ``answer(request, how many came before)`` says.
 
     The first outcome is sent at once, the second ``gait_seconds`` later; meanwhile it walks.
-    With ``mute`` nothing is sent, but an accepted gait still shows in its state.
+    With ``mute`` nothing is sent, but an accepted gait still shows in its state. Whoever wants the
+    robot gets it, unless ``grants`` is off.
     """
 
     answer: Answer = accept
     gait_seconds: float = 1.0
     mute: bool = False
+    grants: bool = True
+    authority: AuthorityState = NOBODY
+    claims: list[OperatorClaim] = field(default_factory=list)
     state: ControlState = ControlState.BALANCE
     gait: Gait = Gait.NONE
     completed: int = 0
@@ -128,12 +148,16 @@ class FakeController:
             self.completed += self._last is GaitOutcome.COMPLETED
             self.state, self.gait, self._walking = ControlState.BALANCE, Gait.NONE, None
         inputs.put(WBC_STATE, controller_state(self.state, self.gait, self.completed))
+        inputs.put(WBC_AUTHORITY, self.authority.model_copy())
         self._queue(inputs, replies)
 
     def receive(self, inputs: FakeInputs, outputs: Sequence[Output], now_ns: int) -> None:
         replies: list[Message] = []
         for output in outputs:
-            if output.topic is TELEOP_GAIT:
+            if output.topic is TELEOP_CLAIM:
+                assert isinstance(output.message, OperatorClaim)
+                self._decide(output.message)
+            elif output.topic is TELEOP_GAIT:
                 request = output.message
                 assert isinstance(request, GaitRequest)
                 outcomes = self.answer(request, len(self.requests))
@@ -146,6 +170,14 @@ class FakeController:
                     self._walking, self._ends_ns = request, now_ns + int(self.gait_seconds * 1e9)
                     self._last = outcomes[1] if len(outcomes) > 1 else None
         self._queue(inputs, replies)
+
+    def _decide(self, claim: OperatorClaim) -> None:
+        self.claims.append(claim)
+        mine = self.authority.holder_boot == BOOT
+        if claim.wants and not mine and not self.authority.holder and self.grants:
+            self.authority = authority("operator", BOOT)
+        elif mine and not claim.wants:
+            self.authority = authority(change=AuthorityChange.RELEASED, previous="operator")
 
     def _queue(self, inputs: FakeInputs, replies: list[Message]) -> None:
         if not self.mute:
@@ -169,12 +201,15 @@ class Bench:
     sent: list[tuple[int, Output]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
+        self.service.boot = BOOT
         self.inputs.put(PLANT_STATUS, plant_status())
+        self.inputs.put(WBC_TARGET, OperatorTargets().setpoint(123))
 
     def tick(self, dt_ns: int = TICK_NS) -> Sequence[Output]:
         self.now_ns += dt_ns
         self.controller.publish(self.inputs, self.now_ns)
         outputs = self.service.step(self.inputs, self.now_ns)
+        self.inputs.begin_step()
         self.controller.receive(self.inputs, outputs, self.now_ns)
         self.sent += [(self.now_ns, output) for output in outputs]
         return outputs

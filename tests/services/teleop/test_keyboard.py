@@ -4,21 +4,13 @@ import numpy as np
 import pytest
 
 from common.robot.rotations import rotation_between
-from common.schemas import Estop, Gait, GaitOutcome, GaitRequest, PlantAction, PlantRequest
-from common.topics import ESTOP, PLANT_REQUEST, PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT
+from common.schemas import Gait, GaitOutcome, GaitRequest, PlantAction, PlantRequest
+from common.topics import PLANT_REQUEST, PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT
 from services.teleop.keyboard.keymap import BY_KEY
 from services.teleop.targets.hand import home_pose
 
 from .desk import Desk
 from .support import FakeController, plant_status
-
-
-def test_hands_go_home_first() -> None:
-    desk = Desk()
-    for side in ("left", "right"):
-        home = home_pose(side)
-        np.testing.assert_allclose(desk.hand(side)[0], home.position, atol=1e-4)
-        assert np.linalg.norm(rotation_between(desk.hand(side)[1], home.quaternion)) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -133,19 +125,14 @@ def test_plant_keys() -> None:
     assert desk.bench.messages(PLANT_REQUEST)[-1].action is PlantAction.RESUME
 
 
-def test_reset_and_emergency_stop_need_two_presses_in_a_row() -> None:
+def test_a_reset_needs_two_presses_in_a_row() -> None:
     desk = Desk().type("r")
     assert "press r once more to reset the plant" in desk.screen.text
-    desk.type("i", "r")
-    desk.type("x", "r", run=1.5)
-    desk.type("r", run=1.5)
+    desk.type("i", "r", run=1.5)
+    desk.type("b", "r", run=1.5)
     assert desk.bench.messages(PLANT_REQUEST) == []
-    desk.type("r", "r")
+    desk.type("r", "R")
     assert [m.action for m in desk.bench.messages(PLANT_REQUEST)] == [PlantAction.RESET]
-    assert desk.bench.messages(ESTOP) == []
-    desk.type("x", "x")
-    (stop,) = desk.bench.messages(ESTOP)
-    assert isinstance(stop, Estop)
 
 
 def test_three_presses_ask_once() -> None:
@@ -183,7 +170,7 @@ def test_keys_without_a_meaning_are_named() -> None:
     assert "'ß' does nothing" in desk.screen.text
 
 
-@pytest.mark.parametrize("key", sorted(set(BY_KEY) - {"Esc"}))
+@pytest.mark.parametrize("key", sorted(set(BY_KEY) - {"Esc", "Ctrl-c"}))
 def test_no_key_ends_the_operator_or_makes_the_hands_jump(key: str) -> None:
     desk = Desk().type(key, key, run=0.5)
     assert desk.operator.exit_code is None
@@ -194,7 +181,6 @@ def test_no_key_ends_the_operator_or_makes_the_hands_jump(key: str) -> None:
         ]
     )
     assert np.linalg.norm(np.diff(hands, axis=0), axis=2).max() <= 0.35 * 0.05 + 1e-9
-    assert np.diff(desk.bench.times(TELEOP_SETPOINT)).max() == 50_000_000
 
 
 def test_escape_or_a_lost_terminal_ends_it() -> None:

@@ -1,5 +1,3 @@
-import string
-
 import pytest
 
 from common.schemas import Gait
@@ -7,11 +5,11 @@ from services.teleop.keyboard.keymap import (
     BY_KEY,
     KEYMAP,
     Action,
-    KeyDecoder,
     MoveHands,
     RequestGait,
     SelectHands,
     TurnHands,
+    binding_of,
 )
 from services.teleop.keyboard.screen import WIDTH, help_lines
 
@@ -32,12 +30,14 @@ def test_every_gait_and_every_hand_direction_has_a_key() -> None:
         ("left", "right"),
     }
     names = {c.name for c in commands if isinstance(c, Action)}
-    assert names == {"grip", "home", "push", "pause", "reset", "estop", "quit"}
+    assert names == {
+        *("take", "grip", "home", "push", "pause", "reset", "estop", "clear", "quit"),
+    }
 
 
 def test_what_would_be_costly_by_accident_needs_two_presses() -> None:
     twice = {binding.command for binding in KEYMAP if binding.twice}
-    assert twice == {Action("reset"), Action("estop")}
+    assert twice == {Action("reset"), Action("clear")}
 
 
 @pytest.mark.parametrize("binding", KEYMAP, ids=lambda binding: binding.label)
@@ -46,49 +46,40 @@ def test_every_key_stands_in_the_help_on_the_screen(binding: object) -> None:
 
 
 def test_help_fits_the_screen() -> None:
-    assert len(help_lines()) == 10
+    assert len(help_lines()) == 11
     assert max(map(len, help_lines())) <= WIDTH
 
 
 @pytest.mark.parametrize(
-    ("data", "keys"),
+    "key",
     [
-        (b"w", ["w"]),
-        (b"ws q", ["w", "s", "space", "q"]),
-        (b"\x1b[A\x1b[B\x1b[C\x1b[D", ["up", "down", "right", "left"]),
-        (b"\x1bOA\x1bOD", ["up", "left"]),
-        (b"\x1b[1;5Aw", ["up", "w"]),
-        (b"\x1b\x1b[Aw", ["up", "w"]),
-        (b"\x1b[15~w", ["unknown key", "w"]),
-        (b"\x1bw1", ["Alt-w", "1"]),
-        ("ä1".encode(), ["ä", "1"]),
-        (b"\xffw", ["\ufffd", "w"]),
+        *("x", "X", "\uff58", "\uff38", "Ctrl-x", "Alt-x", "Alt-X", "Alt-Ctrl-x"),
+        *("ч", "Ч", "Alt-ч", "џ", "χ", "Χ", "ס", "ء", "ط", "ղ", "Ղ", "ց", "ხ", "Ხ"),
+        *("ป", "ㅌ", "サ", "ｻ", "\u0902", "ø", "≈"),
+        *("Backspace", "Delete", "Ctrl-Backspace", "Alt-Delete"),
     ],
 )
-def test_bytes_become_keys(data: bytes, keys: list[str]) -> None:
-    assert KeyDecoder().feed(data) == keys
+def test_the_stop_needs_no_certain_layout_case_width_or_modifier(key: str) -> None:
+    binding = binding_of(key)
+    assert binding is not None
+    assert binding.command == Action("estop")
+    assert not binding.twice
 
 
-def test_a_lone_escape_is_a_key_once_nothing_follows() -> None:
-    decoder = KeyDecoder()
-    assert decoder.feed(b"w\x1b") == ["w"]
-    assert decoder.feed(b"") == ["Esc"]
-    assert decoder.feed(b"") == []
+def test_caps_lock_and_width_make_no_difference_but_modifiers_do() -> None:
+    forward = binding_of("w")
+    assert forward is not None
+    assert forward.command == RequestGait(Gait.FORWARD)
+    assert binding_of("W") is forward
+    assert binding_of("\uff57") is forward
+    for key in ("Alt-w", "Ctrl-w", "ц", "-", "unknown key"):
+        assert binding_of(key) is None
+    quit_ = binding_of("Ctrl-c")
+    assert quit_ is not None
+    assert quit_.command == Action("quit")
 
 
-@pytest.mark.parametrize("cut", [1, 2, 3, 4, 5])
-def test_a_sequence_cut_in_two_is_one_key(cut: int) -> None:
-    data = b"\x1b[1;5A"
-    decoder = KeyDecoder()
-    assert decoder.feed(data[:cut]) + decoder.feed(data[cut:]) == ["up"]
-
-
-def test_an_unfinished_sequence_is_not_taken_for_escape() -> None:
-    decoder = KeyDecoder()
-    assert decoder.feed(b"\x1b[1") == []
-    assert decoder.feed(b"") == ["unknown key"]
-
-
-def test_every_printable_character_is_one_key() -> None:
-    text = string.ascii_letters + string.digits + string.punctuation
-    assert KeyDecoder().feed(text.encode()) == list(text)
+def test_no_other_key_stops_and_no_stop_key_does_anything_else() -> None:
+    stops = {key for key, binding in BY_KEY.items() if binding.command == Action("estop")}
+    assert stops == {"x", "Backspace", "Delete"}
+    assert {key for key in BY_KEY if binding_of(key) is binding_of("x")} == stops

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from common.runtime.simulated.runner import SimTimeRunner
-from common.schemas import Setpoint
-from common.topics import TELEOP_SETPOINT
+from common.schemas import OperatorClaim
+from common.topics import TELEOP_CLAIM
 from services.teleop.__main__ import main
 from services.teleop.scripted.script import Script, Wait
 from services.teleop.scripted.service import ScriptedConfig, ScriptedOperator
@@ -45,13 +45,14 @@ def test_in_simulated_time_an_ended_operator_is_silent() -> None:
     operator = ScriptedOperator(
         Script(name="t", steps=(Wait(seconds=1.0),)), ScriptedConfig(start_timeout=0.5, linger=0.5)
     )
-    setpoints: list[Setpoint] = []
+    claims: list[OperatorClaim] = []
     with SimTimeRunner([operator]) as runner:
-        runner.on_message(TELEOP_SETPOINT, setpoints.append)
+        runner.on_message(TELEOP_CLAIM, claims.append)
         runner.run_for(5.0)
     assert operator.exit_code == 1
-    # Waiting fails at the first tick past 0.5 s, then 0.5 s more.
-    assert 20 <= len(setpoints) <= 22
+    # Waiting fails at the first tick past 0.5 s, then 0.5 s more, and the release.
+    assert 10 <= len(claims) <= 12
+    assert [claim.wants for claim in claims[-2:]] == [True, False]
 
 
 @pytest.mark.parametrize(
@@ -76,7 +77,7 @@ def test_wrong_options_are_explained(options: list[str], message: str) -> None:
     [
         (["--help"], "scripted   plays a script"),
         (["scripted", "--help"], "--script random --count 20 --seed 3"),
-        (["keyboard", "--help"], "x x EMERGENCY STOP"),
+        (["keyboard", "--help"], "x/Bksp/Del EMERGENCY STOP"),
     ],
 )
 def test_help_teaches(options: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from common.schemas import Gait, GaitOutcome, GaitRequest
+from common.schemas import ControllerState, ControlState, Gait, GaitOutcome, GaitRequest, Header
 from common.topics import TELEOP_GAIT
+from services.teleop.errors import ScriptError
+from services.teleop.scripted.gaits import GaitClient
 from services.teleop.scripted.script import Mark, Wait, Walk
 
 from .scripts import bench, last_status, scripted
-from .support import FakeController
+from .support import FakeController, controller_state
 
 A, R, C, X = (GaitOutcome.ACCEPTED, GaitOutcome.REFUSED, GaitOutcome.COMPLETED, GaitOutcome.ABORTED)
 
@@ -112,3 +114,54 @@ def test_a_gait_that_does_not_end_fails_the_script() -> None:
     b = bench(Walk(gait=Gait.FORWARD), controller=FakeController(gait_seconds=99.0)).run(60)
     assert b.service.exit_code == 1
     assert "accepted but not completed within 30 s" in scripted(b).failure
+
+
+def test_a_restarted_controller_is_asked_what_became_of_the_gait() -> None:
+    """The first run accepts and dies; the second answers the same request once it hears it."""
+
+    def seen(boot: int, completed: int) -> ControllerState:
+        state = controller_state(ControlState.BALANCE, Gait.NONE, completed)
+        return state.model_copy(update={"header": Header(boot=boot)})
+
+    client = GaitClient(next_id=5)
+    client.update(0.05, (), seen(1, 7))
+    walk = client.perform(Gait.FORWARD)
+    next(walk)
+    (request,) = client.outbox
+    assert (request.request_id, request.controller_boot) == (5, 1)
+    client.outbox.clear()
+    client.update(0.05, [FakeController._reply(request, A)], seen(1, 7))
+    next(walk)
+    for _ in range(20):
+        client.update(0.05, (), None)
+        next(walk)
+    assert client.outbox == []
+    client.update(0.05, (), seen(2, 0))
+    next(walk)
+    assert client.outbox == [request]
+    client.update(0.05, [FakeController._reply(request, X)], seen(2, 0))
+    with pytest.raises(ScriptError, match="aborted"):
+        next(walk)
+    # The next gait is asked of the new run, whose count begins again.
+    walk = client.perform(Gait.FORWARD)
+    next(walk)
+    assert client.outbox[-1].controller_boot == 2
+    assert client.completed == 0
+
+
+def test_a_restarted_controller_that_never_answers_fails_the_script_in_words() -> None:
+    client = GaitClient()
+    states = [
+        controller_state().model_copy(update={"header": Header(boot=boot)}) for boot in (1, 2)
+    ]
+    client.update(0.05, (), states[0])
+    walk = client.perform(Gait.FORWARD)
+    next(walk)
+    client.update(0.05, [FakeController._reply(client.outbox[0], A)], states[0])
+
+    def wait() -> None:
+        for _ in walk:
+            client.update(0.05, (), states[1])
+
+    with pytest.raises(ScriptError, match="without an answer"):
+        wait()

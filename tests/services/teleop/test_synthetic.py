@@ -7,9 +7,23 @@ import pytest
 
 from common.errors import ConfigError
 from common.robot.pose import Pose, Pose2
-from common.schemas import ControlState, DeviceInput, Gait, Header, PlantState
+from common.schemas import (
+    AuthorityChange,
+    ControlState,
+    DeviceInput,
+    Gait,
+    GuardMode,
+    Header,
+    PlantState,
+)
 from common.schemas.arrays import Float64Array as Array
-from common.topics import PLANT_STATE, TELEOP_DEVICE, TELEOP_GAIT, TELEOP_SETPOINT
+from common.topics import (
+    PLANT_STATE,
+    TELEOP_DEVICE,
+    TELEOP_GAIT,
+    TELEOP_SETPOINT,
+    WBC_TARGET,
+)
 from services.teleop.synthetic.observation import Observation, Observer
 from services.teleop.synthetic.operator_hand import OperatorHand, Tremor
 from services.teleop.synthetic.operator_model import OperatorModel
@@ -25,7 +39,7 @@ from services.teleop.synthetic.walking import (
 from services.teleop.targets.hand import minimum_jerk
 from services.wbc.config import GaitConfig
 from services.wbc.footsteps import gait_displacement
-from tests.services.teleop.support import Bench, FakeController
+from tests.services.teleop.support import BOOT, Bench, FakeController, at_left, authority
 
 STEADY = TRAITS["steady"]
 
@@ -188,6 +202,61 @@ def test_it_gives_up_when_the_robot_lies_down() -> None:
     bench.inputs.put(PLANT_STATE, plant_state(stamp=bench.now_ns, height=0.2))
     bench.run(3.0)
     assert "has fallen" in service.failure
+    assert service.exit_code == 1
+
+
+def test_a_person_who_takes_the_robot_interrupts_it_and_its_time_stands_still() -> None:
+    bench = WalkBench(operator())
+    service = bench.service
+    assert isinstance(service, SyntheticOperator)
+    service._strategy = lambda operator: operator.pause(3.0)
+    bench.show()
+    bench.run(1.0)
+    bench.controller.authority = authority("keyboard", 5, AuthorityChange.TAKEN, "teleop")
+    bench.run(0.1)
+    before = len(bench.messages(TELEOP_SETPOINT))
+    bench.run(20.0)
+    assert not service.finished
+    assert len(bench.messages(TELEOP_SETPOINT)) == before
+    assert service.note == "waiting: keyboard has the robot"
+    bench.inputs.put(WBC_TARGET, at_left(0.42, 0.2, 0.2))
+    bench.controller.authority = authority("operator", BOOT)
+    bench.run(0.1)
+    again = bench.messages(TELEOP_SETPOINT)[before].left_hand_position_in_body
+    np.testing.assert_allclose(again, [0.42, 0.2, 0.2])
+    bench.run(1.5)
+    assert not service.finished
+    bench.run(1.0)
+    assert service.finished
+    bench.run(2.0)
+    assert service.exit_code == 0
+    assert not bench.controller.claims[-1].wants
+
+
+def test_an_emergency_stop_ends_its_plan() -> None:
+    bench = WalkBench(operator())
+    service = bench.service
+    assert isinstance(service, SyntheticOperator)
+    service._strategy = lambda operator: operator.pause(60.0)
+    bench.show()
+    bench.run(1.0)
+    state = plant_state(stamp=bench.now_ns).model_copy(update={"guard": GuardMode.ESTOP})
+    bench.inputs.put(PLANT_STATE, state)
+    bench.run(3.0)
+    assert service.failure == "the emergency stop is on"
+    assert service.exit_code == 1
+
+
+def test_without_the_robot_it_does_not_begin_and_says_who_has_it() -> None:
+    controller = FakeController(authority=authority("keyboard", 5))
+    bench = WalkBench(operator(start_timeout=3.0), controller)
+    bench.show()
+    bench.run(2.0)
+    assert bench.messages(TELEOP_DEVICE) == []
+    service = bench.service
+    assert isinstance(service, SyntheticOperator)
+    bench.run(2.0)
+    assert service.failure == "not begun within 3 s: keyboard has the robot"
     assert service.exit_code == 1
 
 

@@ -12,7 +12,6 @@ from common.schemas import (
     Gait,
     GaitOutcome,
     GaitReply,
-    GaitRequest,
     JointCommand,
     Message,
     PlantState,
@@ -20,6 +19,7 @@ from common.schemas import (
 )
 from common.topics import (
     PLANT_STATE,
+    TELEOP_CLAIM,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     WBC_COMMAND,
@@ -33,8 +33,9 @@ from services.wbc.config import WbcConfig
 from services.wbc.qp import QpData
 from services.wbc.service import WbcService
 from services.wbc.solvers import Solution, Solver
+from tests.services.inputs import FakeInputs
 
-from .support import MS, FakeInputs, copy_qp
+from .support import MS, claim, copy_qp, request
 
 
 @dataclass(frozen=True)
@@ -73,9 +74,12 @@ class RecordingSolver:
 class Bench:
     """Service and plant in one loop of robot time: 100 Hz, each command applied late.
 
+    One operator has the robot from the first tick on, as long as it claims it.
+
     Attributes:
         delay_ms: from a state's measurement to the motors.
         replies, states, commands: everything the controller said so far.
+        claims: whether the operator claims the robot.
         watch: called after each tick of the service with the state it saw.
     """
 
@@ -85,6 +89,7 @@ class Bench:
     replies: list[GaitReply] = field(default_factory=list)
     states: list[ControllerState] = field(default_factory=list)
     commands: list[JointCommand] = field(default_factory=list)
+    claims: bool = True
     watch: Callable[[PlantState], None] | None = None
 
     def __post_init__(self) -> None:
@@ -104,7 +109,7 @@ class Bench:
 
     def ask(self, gait: Gait) -> None:
         self._request_id += 1
-        self.put(TELEOP_GAIT, GaitRequest(request_id=self._request_id, gait=gait))
+        self.put(TELEOP_GAIT, request(self._request_id, gait))
 
     def tick(self) -> list[Output]:
         """One control period."""
@@ -112,6 +117,8 @@ class Bench:
         inputs.begin_step()
         state = plant.measured()
         inputs.put(PLANT_STATE, state)
+        if self.claims:
+            inputs.put(TELEOP_CLAIM, claim(len(self.commands)))
         for topic, message in self._events:
             inputs.put(topic, message)
         self._events.clear()

@@ -1,24 +1,30 @@
-"""States, set-points and inputs under the test's control."""
+"""States and set-points under the test's control."""
 
 from dataclasses import replace
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.robot import frames, joints
-from common.runtime.service import Inputs
-from common.schemas import Gait, Header, Message, PlantState, Sender, Setpoint
-from common.topics import Topic
+from common.schemas import (
+    Gait,
+    GaitRequest,
+    Header,
+    OperatorClaim,
+    OperatorKind,
+    PlantState,
+    Sender,
+    Setpoint,
+)
 from services.wbc.qp import QpData
 from services.wbc.robot_model import RobotState
 
 Array = NDArray[np.float64]
-M = TypeVar("M", bound=Message)
 
 G = joints.MOTOR_TO_JOINT
 GAITS = tuple(gait for gait in Gait if gait is not Gait.NONE)
 MS = 1_000_000
+OPERATOR = Sender("teleop", 1)
 
 
 def make_state(
@@ -94,11 +100,13 @@ def setpoint(
     right: Array | None = None,
     closure: tuple[float, float] = (0.0, 0.0),
     neck: float = 0.0,
+    sender: Sender = OPERATOR,
 ) -> Setpoint:
     """Hands pointing ahead at the given places in the body frame, by default the nominal ones."""
     places = [np.array(frames.NOMINAL_HAND_IN_BODY[side]) for side in ("left", "right")]
     ahead = np.array(frames.FORWARD_HAND_IN_BODY)
     return Setpoint(
+        header=Header(source=sender.source, boot=sender.boot),
         left_hand_position_in_body=places[0] if left is None else left,
         left_hand_quaternion_in_body=ahead,
         right_hand_position_in_body=places[1] if right is None else right,
@@ -108,40 +116,27 @@ def setpoint(
     )
 
 
-class FakeInputs(Inputs):
-    """Inputs set by hand; call :meth:`begin_step` before putting what one step shall see."""
+def request(
+    request_id: int, gait: Gait = Gait.FORWARD, sender: Sender = OPERATOR, controller_boot: int = 0
+) -> GaitRequest:
+    header = Header(source=sender.source, boot=sender.boot)
+    return GaitRequest(
+        header=header, request_id=request_id, gait=gait, controller_boot=controller_boot
+    )
 
-    def __init__(self) -> None:
-        self._latest: dict[str, Message] = {}
-        self._new: dict[str, list[Message]] = {}
-        self._senders: dict[str, dict[Sender, Any]] = {}
-        self.stale: set[str] = set()
 
-    def begin_step(self) -> None:
-        self._new.clear()
-
-    def put(self, topic: Topic[Any], message: Message) -> None:
-        self._latest[topic.name] = message
-        self._new.setdefault(topic.name, []).append(message)
-        self._senders.setdefault(topic.name, {})[message.header.sender] = message
-
-    def latest(self, topic: Topic[M]) -> M | None:
-        return self._latest.get(topic.name)  # type: ignore[return-value]
-
-    def latest_by_sender(self, topic: Topic[M]) -> dict[Sender, M]:
-        return dict(self._senders.get(topic.name, {}))
-
-    def updated(self, topic: Topic[Any]) -> bool:
-        return topic.name in self._new
-
-    def fresh(self, topic: Topic[Any]) -> bool:
-        return topic.name in self._latest and topic.name not in self.stale
-
-    def age(self, topic: Topic[Any]) -> float:
-        return 0.0 if topic.name in self._latest else float("inf")
-
-    def events(self, topic: Topic[M]) -> list[M]:
-        return list(self._new.get(topic.name, []))  # type: ignore[arg-type]
+def claim(
+    seq: int,
+    sender: Sender = OPERATOR,
+    kind: OperatorKind = OperatorKind.SCRIPT,
+    *,
+    wants: bool = True,
+    act: int = 1,
+    holding: bool = True,
+) -> OperatorClaim:
+    """By default one that believes to have the robot, so that a new controller gives it at once."""
+    header = Header(seq=seq, source=sender.source, boot=sender.boot)
+    return OperatorClaim(header=header, kind=kind, wants=wants, act=act, holding=holding)
 
 
 def copy_qp(data: QpData) -> QpData:

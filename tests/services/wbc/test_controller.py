@@ -40,6 +40,14 @@ HEIGHT = 0.74
 DT = 0.01
 
 
+def _started() -> Controller:
+    """After one tick, and with an operator that began at the present target."""
+    controller = Controller(CONFIG)
+    _tick(controller, 0)
+    controller.set_setpoint(controller.target.setpoint(0), 0.0)
+    return controller
+
+
 class Impossible(QpBuilder):
     """Wants feet that pull: no QP has a solution."""
 
@@ -223,15 +231,14 @@ def test_stack_sums_weighted_squares() -> None:
 
 
 def test_setpoints_reach_hands_grippers_and_neck() -> None:
-    controller = Controller(CONFIG)
-    _tick(controller, 0)
+    controller = _started()
     left, right = np.array([0.35, 0.2, 0.1]), np.array([0.9, -0.3, 0.2])
     controller.set_setpoint(setpoint(left, right, closure=(0.25, 1.0), neck=9.0), 0.01)
     ahead = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-    assert np.array_equal(controller.hands[0].target[0], left)
-    assert controller.hands[1].target[0].tolist() == [0.56, -0.3, 0.2]
+    assert controller.target.positions[0] == pytest.approx(left, abs=1e-12)
+    assert controller.target.positions[1] == pytest.approx([0.56, -0.3, 0.2], abs=1e-12)
     assert np.abs(controller.hands[0].target[1] - ahead).max() < 1e-12
-    assert controller.gripper(nominal_state(0, HEIGHT)).tolist() == [0.25, 1.0]
+    assert controller.target.grippers == pytest.approx([0.25, 1.0])
     # The neck's target is kept inside its limit of 1.309 rad.
     _tick(controller, 1)
     assert controller.stack.target[POSTURE][-1] == pytest.approx(100.0 * 1.309)
@@ -249,8 +256,7 @@ def test_hands_hold_where_they_are_found(model: RobotModel) -> None:
 
 
 def test_hand_error_is_measured_to_the_last_setpoint() -> None:
-    controller = Controller(CONFIG)
-    _tick(controller, 0)
+    controller = _started()
     places = [np.array(frames.NOMINAL_HAND_IN_BODY[side]) for side in ("left", "right")]
     controller.set_setpoint(setpoint(places[0] + np.array([0.03, 0.0, 0.04]), places[1]), time=0.01)
     _, report = controller.tick(nominal_state(1, HEIGHT), 0.01)
@@ -296,10 +302,15 @@ def test_the_first_command_already_carries_the_weight() -> None:
 
 def test_grippers_stay_as_found_until_told_otherwise() -> None:
     controller = Controller(CONFIG)
-    holding = nominal_state(0, HEIGHT).model_copy(update={"gripper_closure": np.array([0.8, 0.0])})
-    assert controller.gripper(holding).tolist() == [0.8, 0.0]
+    holding, slipped = (
+        nominal_state(0, HEIGHT).model_copy(update={"gripper_closure": np.array(closure)})
+        for closure in ([0.8, 0.0], [0.6, 0.1])
+    )
+    controller.tick(holding, 0.0)
+    assert controller.target.grippers.tolist() == [0.8, 0.0]
     # The jaw gives way a little under load; the command must not follow it.
-    slipped = holding.model_copy(update={"gripper_closure": np.array([0.6, 0.1])})
-    assert controller.gripper(slipped).tolist() == [0.8, 0.0]
+    controller.tick(slipped, 0.01)
+    assert controller.target.grippers.tolist() == [0.8, 0.0]
     controller.restart()
-    assert controller.gripper(slipped).tolist() == [0.6, 0.1]
+    controller.tick(slipped, 0.02)
+    assert controller.target.grippers.tolist() == [0.6, 0.1]

@@ -17,7 +17,8 @@ def test_a_repeated_request_gets_the_latest_answer() -> None:
     assert book.register(_request(40)) is None
     book.record(Answer(number, Gait.FORWARD, GaitOutcome.ACCEPTED))
     book.record(Answer(number, Gait.FORWARD, GaitOutcome.COMPLETED, "done"))
-    assert book.answer_to(_request(40)) == Answer(40, Gait.FORWARD, GaitOutcome.COMPLETED, "done")
+    known = book.answer_to(_request(40))
+    assert known == Answer(number, Gait.FORWARD, GaitOutcome.COMPLETED, "done")
 
 
 def test_senders_do_not_share_request_ids() -> None:
@@ -26,9 +27,9 @@ def test_senders_do_not_share_request_ids() -> None:
     assert one is not None
     assert other is not None
     assert one != other
-    book.record(Answer(one, Gait.FORWARD, GaitOutcome.REFUSED))
+    assert book.record(Answer(one, Gait.FORWARD, GaitOutcome.REFUSED)).header.boot == 1
     assert book.answer_to(_request(1, boot=2)) is None
-    assert book.request_id(Answer(other, Gait.FORWARD, GaitOutcome.ACCEPTED)) == 1
+    assert book.record(Answer(other, Gait.FORWARD, GaitOutcome.ACCEPTED)).header.boot == 2
 
 
 def test_old_requests_are_forgotten() -> None:
@@ -53,4 +54,14 @@ def test_a_request_in_progress_is_not_forgotten() -> None:
         assert number is not None
         book.record(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
     assert book.register(_request(7)) is None
-    assert book.request_id(Answer(running, Gait.FORWARD, GaitOutcome.COMPLETED)) == 7
+    assert book.record(Answer(running, Gait.FORWARD, GaitOutcome.COMPLETED)).request_id == 7
+
+
+def test_no_request_is_forgotten_before_its_answer() -> None:
+    """A thousand at one instant: every one keeps its sender and gets its answer."""
+    book = RequestTracker()
+    numbers = [book.register(_request(k, boot=k)) for k in range(1000)]
+    for k, number in enumerate(numbers):
+        assert number is not None
+        answered = book.record(Answer(number, Gait.FORWARD, GaitOutcome.REFUSED))
+        assert (answered.request_id, answered.header.boot) == (k, k)

@@ -14,49 +14,71 @@ from common.schemas import (
     Gait,
     GaitOutcome,
     GaitReply,
-    GaitRequest,
     Header,
     JointCommand,
     Message,
     PlantState,
+    Sender,
 )
 from common.topics import (
     PLANT_STATE,
+    TELEOP_CLAIM,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
+    WBC_AUTHORITY,
     WBC_COMMAND,
     WBC_REPLY,
     WBC_STATE,
+    WBC_TARGET,
     Topic,
 )
 from common.wire.codec import encode
 from services.wbc.config import WbcConfig
 from services.wbc.hands import HandReference
-from services.wbc.service import LONGEST_GAP_NS, WbcService
+from services.wbc.plant_watch import LONGEST_GAP_NS
+from services.wbc.service import WbcService
+from tests.services.inputs import FakeInputs
 
 from .bench import Bench
-from .support import MS, FakeInputs, nominal_state, setpoint
+from .support import MS, OPERATOR, claim, nominal_state, request, setpoint
 
 CONFIG = WbcConfig(solver="daqp", stand_time=0.3)
 Sent = list[tuple[Topic[Any], Message]]
 
 
 class Desk:
-    """A service whose every input is put by hand; states are all of the nominal crouch."""
+    """A service whose every input is put by hand; states are all of the nominal crouch.
+
+    One operator has the robot from the first state on; only what concerns it less is left out of
+    what is returned.
+    """
 
     def __init__(self, config: WbcConfig = CONFIG) -> None:
         self.service = WbcService(config)
         self.inputs = FakeInputs()
 
+        self.claims = 0
+
     def step(self, *messages: tuple[Topic[Any], Message]) -> Sequence[Output]:
         self.inputs.begin_step()
+        self.claims += 1
+        self.inputs.put(TELEOP_CLAIM, claim(self.claims))
         for topic, message in messages:
             self.inputs.put(topic, message)
-        return self.service.step(self.inputs, 0)
+        outputs = self.service.step(self.inputs, 0)
+        return [o for o in outputs if o.topic not in (WBC_AUTHORITY, WBC_TARGET)]
 
     def state(self, stamp_ms: int, *messages: tuple[Topic[Any], Message], resets: int = 0) -> Sent:
         state = nominal_state(stamp_ms * MS, reset_count=resets)
         return [(o.topic, o.message) for o in self.step((PLANT_STATE, state), *messages)]
+
+    def adopt(self, stamp_ms: int) -> None:
+        """The operator begins at the present target, so that it is followed at once from then."""
+        self.state(stamp_ms)
+        target = self.service.controller.target.setpoint(0)
+        header = Header(source=OPERATOR.source, boot=OPERATOR.boot)
+        message = target.model_copy(update={"header": header})
+        self.state(stamp_ms + 10, (TELEOP_SETPOINT, message))
 
     def stand(self) -> int:
         """Until it balances; returns the last stamp [ms]."""
@@ -70,9 +92,8 @@ def _of(sent: Sent, kind: type[Any]) -> list[Any]:
     return [message for _, message in sent if isinstance(message, kind)]
 
 
-def _request(request_id: int, gait: Gait = Gait.FORWARD, boot: int = 1) -> Any:
-    header = Header(boot=boot)
-    return TELEOP_GAIT, GaitRequest(header=header, request_id=request_id, gait=gait)
+def _request(request_id: int, gait: Gait = Gait.FORWARD, sender: Sender = OPERATOR) -> Any:
+    return TELEOP_GAIT, request(request_id, gait, sender)
 
 
 def test_contract() -> None:
@@ -80,8 +101,8 @@ def test_contract() -> None:
     assert service.name == "wbc"
     assert service.period_ns == 5_000_000
     assert service.trigger is PLANT_STATE
-    assert set(service.reads) == {PLANT_STATE, TELEOP_SETPOINT, TELEOP_GAIT}
-    assert set(service.writes) == {WBC_COMMAND, WBC_STATE, WBC_REPLY}
+    assert set(service.reads) == {PLANT_STATE, TELEOP_CLAIM, TELEOP_SETPOINT, TELEOP_GAIT}
+    assert set(service.writes) == {WBC_COMMAND, WBC_STATE, WBC_REPLY, WBC_AUTHORITY, WBC_TARGET}
 
 
 def test_without_a_state_it_is_silent_and_refuses() -> None:
@@ -115,7 +136,7 @@ def test_outputs_bear_the_stamp_of_their_state() -> None:
 
 def test_command_carries_gains_and_grippers() -> None:
     desk = Desk()
-    desk.state(1000)
+    desk.adopt(990)
     (command,) = _of(
         desk.state(1010, (TELEOP_SETPOINT, setpoint(closure=(0.5, 1.0)))), JointCommand
     )
@@ -129,7 +150,7 @@ def test_command_carries_gains_and_grippers() -> None:
 
 def test_a_setpoint_counts_once_when_it_arrives() -> None:
     desk = Desk()
-    desk.state(1000)
+    desk.adopt(990)
     hand = desk.service.controller.hands[0]
     alone = HandReference("left", CONFIG.hands)
     alone.hold(*hand.target, 1.0)
@@ -146,19 +167,16 @@ def test_a_setpoint_counts_once_when_it_arrives() -> None:
         one, other = hand.at(stamp * 1e-3), alone.at(stamp * 1e-3)
         assert np.abs(one.position - other.position).max() < 1e-12
         assert np.abs(one.velocity - other.velocity).max() < 1e-9
-    assert report.setpoint_fresh
-    desk.inputs.stale.add(TELEOP_SETPOINT.name)
-    (report,) = _of(desk.state(1600), ControllerState)
-    assert not report.setpoint_fresh
+        assert report.setpoint_fresh == (stamp <= 1260)
 
 
 def test_a_setpoint_between_two_states_is_not_lost() -> None:
     desk = Desk()
-    desk.state(1000)
+    desk.adopt(990)
     goal = np.array([0.4, 0.2, 0.1])
     desk.step((TELEOP_SETPOINT, setpoint(left=goal)))
     desk.state(1010)
-    assert np.array_equal(desk.service.controller.hands[0].target[0], goal)
+    assert desk.service.controller.target.positions[0] == pytest.approx(goal, abs=1e-12)
 
 
 def test_a_request_between_two_states_waits() -> None:
@@ -202,8 +220,7 @@ def test_a_repeated_request_is_answered_but_not_walked_again() -> None:
     first = _of(desk.state(stamp + 10, _request(3)), GaitReply)
     again = _of(desk.state(stamp + 20, _request(3)), GaitReply)
     assert [(r.request_id, r.outcome) for r in first + again] == [(3, GaitOutcome.ACCEPTED)] * 2
-    # The same number from another sender is another request.
-    (other,) = _of(desk.state(stamp + 30, _request(3, boot=2)), GaitReply)
+    (other,) = _of(desk.state(stamp + 30, _request(4)), GaitReply)
     assert other.outcome is GaitOutcome.REFUSED
     assert "FORWARD is still in progress" in other.reason
 
@@ -268,7 +285,7 @@ def test_same_messages_same_bytes() -> None:
     bench = Bench(config)
 
     def note(state: PlantState) -> None:
-        script.append([(PLANT_STATE, state)])
+        script.append([(PLANT_STATE, state), (TELEOP_CLAIM, claim(len(script)))])
 
     bench.watch = note
     bench.run(0.4)

@@ -108,25 +108,27 @@ def test_no_gait_while_a_foot_is_put_down(model: RobotModel) -> None:
     assert "gaits start from BALANCE" in robot.answers[-1].reason
 
 
-@pytest.mark.parametrize(("when", "silence"), [(0.9, 0.2), (1.15, 0.6)])
+@pytest.mark.parametrize(("when", "silence"), [(0.9, 0.2), (1.1, 0.15), (1.0, 0.6)])
 def test_a_robot_left_in_mid_swing_recovers(when: float, silence: float) -> None:
     """The controller dies with a foot in the air; the plant holds; another one starts.
 
-    In the second case the robot is tipping towards the raised foot when it is taken over.
+    In the second case the robot is tipping towards the raised foot when it is taken over; in the
+    third the plant has put the foot down by then.
     """
+    down = silence > 0.4
     bench = Bench(WbcConfig(solver="daqp"))
     bench.run(1.2)
     bench.ask(Gait.FORWARD)
     bench.run(when)
     bench.die(silence)
     heights = [bench.plant.data.site(name).xpos[2] for name in ("l_foot", "r_foot")]
-    assert heights[0] - heights[1] > 0.015
+    assert (heights[0] - heights[1] < 0.01) if down else (heights[0] - heights[1] > 0.025)
     died = len(bench.states)
     assert bench.states[-1].state is ControlState.LF_SWING
     bench.run(2.4)
     assert not bench.plant.fallen
     states = [state.state for state in bench.states[died:]]
-    assert states[0] is ControlState.LF_SWING
+    assert states[0] is (ControlState.STAND if down else ControlState.LF_SWING)
     assert states[-1] is ControlState.BALANCE
     assert bench.states[-1].dcm_error < 0.01
     assert [r.outcome for r in bench.replies] == [GaitOutcome.ACCEPTED, GaitOutcome.ABORTED]

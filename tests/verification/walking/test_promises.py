@@ -13,6 +13,8 @@ from verification.walking.measures import push, silence, walk
 from verification.walking.meetings import Meeting, meetings, random_meetings
 from verification.walking.stack import NOISE, Scenario, Stack, commanded_stance
 
+NOISY_STEP = replace(NOISY, gaits=(Gait.FORWARD,))
+
 
 def assert_kept(check: Check) -> None:
     numbers = check.measure()
@@ -70,9 +72,18 @@ def test_silence_or_restart_while_standing_is_held_and_left_without_a_jump(
     assert float(numbers["joint_step_rad"]) < 0.05
 
 
-@pytest.mark.parametrize("at", [2.0, 2.9])
-def test_controller_restarted_in_mid_gait_puts_the_foot_down(at: float) -> None:
-    assert_kept(checks.midway_check("", (at,), 0.5, restart=True))
+@pytest.mark.parametrize(
+    ("seed", "at"), [(0, 2.25), (0, 3.0), (0, 3.3), (1, 2.7), (1, 2.95), (1, 3.25)]
+)
+def test_silence_of_3_s_on_one_leg_with_delay_and_noise_is_survived(seed: int, at: float) -> None:
+    numbers = silence(replace(NOISY_STEP, seed=seed), at, 3.0)
+    assert numbers["held"]
+    assert not numbers["fell"]
+
+
+def test_controller_restarted_in_mid_gait_puts_the_foot_down() -> None:
+    numbers = checks.walking_silence("", 0.5, (NOISY_STEP,), (0.24, 0.51), restart=True).measure()
+    assert (numbers["runs"], numbers["held"], numbers["falls"]) == (2, 2.0, 0)
 
 
 @pytest.mark.parametrize("axis", [1, 2])

@@ -130,13 +130,17 @@ class Monitor:
         """Return the messages that have arrived and not been taken out yet, undecoded."""
         return self._tap.drain()
 
+    def messages(self) -> Iterator[Any]:
+        """Take out and decode the messages that have arrived."""
+        for sample in self.drain():
+            schema = self._schemas.get(sample.key.partition("/")[2])
+            if schema is not None:
+                yield decode(sample.payload, schema)
+
     def listen(self, seconds: float) -> Iterator[Any]:
         """Decode messages as they arrive in the next seconds; earlier ones are dropped."""
         self.drain()
         end = time.monotonic() + seconds
         while time.monotonic() < end:
-            for sample in self.drain():
-                schema = self._schemas.get(sample.key.partition("/")[2])
-                if schema is not None:
-                    yield decode(sample.payload, schema)
+            yield from self.messages()
             time.sleep(0.02)

@@ -10,10 +10,13 @@ import pytest
 
 from common.episodes.columns import Rows
 from common.episodes.episode_file import EpisodeMeta, to_bytes
+from common.episodes.errors import EpisodeAccessError
 from lab.cli.main import main
-from lab.demonstrations.collect.check import check
+from lab.demonstrations.collect.check import check, remake
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
+from lab.demonstrations.collect.episode import EpisodeResult
 from lab.demonstrations.collect.store import DatasetStore
+from tests.common.episodes.test_episode_file import held_open
 from tests.lab.demonstrations.collect.support import CODE, CONFIG, meta, rows
 
 FRAMES = 6
@@ -196,3 +199,34 @@ def test_wrong_questions(store: DatasetStore, capsys: pytest.CaptureFixture[str]
     assert "no data set" in capsys.readouterr().err
     assert main(["collect", "--check", str(store.root), "--remake", "9"]) == 1
     assert "no trial with seed 9" in capsys.readouterr().err
+
+
+def test_an_episode_that_another_program_has_open_is_not_to_be_moved_away(
+    store: DatasetStore, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with held_open(store.root / "episodes" / "000002.h5"):
+        with pytest.raises(EpisodeAccessError, match=r"000002(.|\n)*another program") as error:
+            store.scan()
+        assert "damaged" not in str(error.value)
+        found = check(store)
+        assert main(["dataset", "export", str(store.root), "--format", "robomimic"]) == 1
+    assert [text for text in found if "another program" in text] == found[:1]
+    assert "damaged" not in "".join(found) + capsys.readouterr().err
+    assert check(store) == []
+
+
+def test_other_bytes_on_another_processor_are_told_as_such(
+    store: DatasetStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = store.read(store.root / "episodes" / "000002.h5").meta
+
+    def made_here(_config: EpisodeConfig, _seed: int) -> EpisodeResult:
+        of = before.model_copy(update={"machine": machine})
+        return EpisodeResult(of, b"other", simulated=1.0, wall=1.0)
+
+    monkeypatch.setattr("lab.demonstrations.collect.check.make_episode", made_here)
+    machine = "x86_64 SSE2; BLAS Prescott"
+    assert "another kind of processor" in (told := remake(store, 2))
+    assert machine in told
+    machine = before.machine
+    assert "by the same code" in remake(store, 2)

@@ -59,10 +59,14 @@ def test_ended_killed_and_resumed_it_comes_to_the_same_bytes(tmp_path: Path) -> 
     # Python's resource tracker and two workers.
     until("workers", lambda: len(children(process.pid)) >= 3)
     workers = children(process.pid)
-    os.killpg(process.pid, signal.SIGINT)
+    # As a service manager does, and timeout: the command, and its whole group.
+    process.terminate()
+    os.killpg(process.pid, signal.SIGTERM)
     assert process.wait(LONG) == 130
     said = (tmp_path / "ended.txt").read_text()
     assert "Traceback" not in said
+    assert "leaked" not in said
+    assert "died" not in said
     assert "the same command continues it" in said
     until("no orphan", lambda: not any(map(alive, workers)))
 

@@ -37,7 +37,7 @@ def test_other_code_is_refused_unless_accepted(tmp_path: Path) -> None:
     assert file is not None
     assert [code.source for code in file.code] == [OTHER.source, CODE.source]
     gather(tmp_path, 3)
-    assert read_dataset(tmp_path) == file
+    assert read_dataset(tmp_path) == file.model_copy(update={"wanted": 3})
 
 
 def test_what_is_wrong_in_the_description_is_named(tmp_path: Path) -> None:
@@ -56,12 +56,13 @@ def test_a_worker_with_other_code_is_refused(tmp_path: Path) -> None:
     assert DatasetStore(tmp_path).files() == []
 
 
-def test_another_revision_of_the_same_source_is_no_change(tmp_path: Path) -> None:
+def test_another_revision_or_processor_is_no_other_code(tmp_path: Path) -> None:
     gather(tmp_path, 1)
-    before = (tmp_path / "dataset.json").read_bytes()
-    code = CODE.model_copy(update={"revision": "elsewhere"})
-    gather(tmp_path, 2, code=code)
-    assert (tmp_path / "dataset.json").read_bytes() == before
+    before = read_dataset(tmp_path)
+    assert before is not None
+    for changes in ({"revision": "elsewhere"}, {"machine": "x86_64 SSE2; BLAS Prescott"}):
+        gather(tmp_path, 2, code=CODE.model_copy(update=changes))
+        assert read_dataset(tmp_path) == before.model_copy(update={"wanted": 2})
 
 
 def test_other_settings_is_refused_with_what_differs(tmp_path: Path) -> None:

@@ -158,7 +158,7 @@ def test_damaged_and_foreign_files_are_all_named(tmp_path: Path) -> None:
     (tmp_path / "rejected" / "000020.json").write_text(text)
     before = digests(tmp_path)
     with pytest.raises(EpisodeError) as error:
-        gather(tmp_path, 4)
+        gather(tmp_path, 3)
     for words in ("000000", "000002", "000009.h5: expected", "pace:  | fast"):
         assert words in str(error.value)
     assert digests(tmp_path) == before

@@ -83,7 +83,9 @@ def test_any_name_will_do(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyP
     ("options", "words"),
     [
         (["--format", "lerobot", "--compress"], "--compress"),
-        (["--format", "lerobot", "--scale-actions"], "--scale-actions"),
+        (["--format", "lerobot", "--no-scale-actions"], "--scale-actions"),
+        (["--format", "lerobot", "--next-obs"], "--next-obs"),
+        (["--format", "lerobot", "--state", "hands,elbows"], "--state"),
         (["--format", "robomimic", "--crf", "20"], "--crf"),
         (["--format", "lerobot", "--crf", "20", "--pictures", "embedded"], "--crf"),
         (["--format", "robomimic", "--pictures", "video"], "no video"),

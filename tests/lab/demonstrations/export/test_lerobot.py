@@ -11,10 +11,12 @@ import pyarrow.parquet as pq
 import pytest
 
 from lab.demonstrations.export import lerobot, lerobot_layout
+from lab.demonstrations.export.fields import ExportColumns
 from lab.demonstrations.export.selection import EpisodeSelection, select_episodes
+from lab.demonstrations.export.stats import column_stats, rare_columns
 from lab.errors import DatasetError
 from services.sim.tasks import find_task
-from tests.lab.demonstrations.export.support import FRAMES, SIZE, VERDICT, make
+from tests.lab.demonstrations.export.support import FRAMES, SIZE, VERDICT, make, rows
 from verification.loaders.collected import CollectedEpisode, collected_episodes, psnr
 from verification.loaders.lerobot_check import middle_frame
 
@@ -218,3 +220,59 @@ def test_the_frame_whose_neighbours_are_compared_has_one_before_it() -> None:
     for lengths in ((5, 5), (4, 6), (3, 3, 3), (2, 1, 4)):
         data = [{"frame_index": frame} for length in lengths for frame in range(length)]
         assert data[middle_frame(data)]["frame_index"] > 0
+
+
+def test_something_rare_does_not_blow_up_when_it_is_scaled_by_quantiles(tmp_path: Path) -> None:
+    walked = rows(0, 300)
+    walked.rows["action/locomotion"] = [6 if frame == 40 else 0 for frame in range(300)]
+    root = make(tmp_path / "d", ("success",), rows_of={0: walked}, size=None)
+    out = tmp_path / "out"
+    source = select_episodes(EpisodeSelection((root,), tail=True))
+    (note,) = lerobot.write(source, out)
+    assert "locomotion" in note
+    assert "min and max" in note
+    actions = np.array([row["action"] for row in table(out)])
+    stats = load(out / "meta/stats.json")["action"]
+    for low, high in (("q01", "q99"), ("q10", "q90")):
+        least, most = np.array(stats[low]), np.array(stats[high])
+        scaled = 2 * (actions - least) / (most - least) - 1
+        assert np.abs(scaled[:, 16]).max() == 1.0
+        assert np.abs(scaled).max() < 201.0
+    (row,) = episodes(out)
+    assert (row["stats/action/q01"][16], row["stats/action/q99"][16]) == (0.0, 6.0)
+    # Held until it has been walked it is not rare any more.
+    walked.rows["observation/control_state"] = [3 if 40 < f < 110 else 1 for f in range(300)]
+    root = make(tmp_path / "w", ("success",), rows_of={0: walked}, size=None)
+    held = EpisodeSelection((root,), tail=True, columns=ExportColumns(gait="held"))
+    assert lerobot.write(select_episodes(held), tmp_path / "held") == []
+    gaits = [row["action"][16] for row in table(tmp_path / "held")]
+    assert gaits == [6.0 if 40 <= frame < 110 else 0.0 for frame in range(300)]
+
+
+def test_quantiles_that_differ_are_left_as_they_are() -> None:
+    values = np.random.default_rng(0).normal(size=(200, 2))
+    values[:, 1] = 3.0
+    stats = column_stats(values)
+    assert stats["q01"][0] == np.quantile(values[:, 0], 0.01)
+    assert stats["q01"][1] == stats["q99"][1] == 3.0
+    assert rare_columns(values) == []
+
+
+def test_the_parts_for_gr00t_and_the_cameras(tmp_path: Path) -> None:
+    root, out = make(tmp_path / "d", ("success",)), tmp_path / "out"
+    columns = ExportColumns(parts=("hands", "grippers"), gait="one-hot")
+    source = select_episodes(EpisodeSelection((root,), width=24, height=16, columns=columns))
+    lerobot.write(source, out)
+    modality, info = load(out / "meta/modality.json"), load(out / "meta/info.json")
+    assert modality["state"]["right_hand"] == {"start": 7, "end": 14}
+    assert modality["action"]["locomotion"] == {"start": 16, "end": 23}
+    assert info["features"]["observation.state"]["shape"] == [16]
+    assert info["features"]["action"]["names"][16:18] == ["gait.none", "gait.forward"]
+    assert modality["video"]["left"]["original_key"] in info["features"]
+    (cameras,) = load(out / "meta/trill.json")["cameras"]
+    assert cameras["collected_at"] == list(SIZE)
+    assert cameras["left"]["camera_matrix"][0][2] == 11.5
+    focal = 0.5 * SIZE[1] / np.tan(np.radians(60.0))
+    assert cameras["right"]["camera_matrix"][1][1] == pytest.approx(focal / 2)
+    card = (out / "README.md").read_text()
+    assert "x forward, y left, z up" in card

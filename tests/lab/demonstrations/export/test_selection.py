@@ -1,5 +1,7 @@
 """Which episodes are exported, which of their frames, and what is refused."""
 
+import errno
+import json
 import shutil
 from pathlib import Path
 
@@ -159,3 +161,21 @@ def test_damage_found_while_drawing_is_told(
     given = ["collect", "--info", str(root), "--sheet", str(tmp_path / "s.png"), "--episode", "1"]
     assert main(given) == 1
     assert "it is damaged" in capsys.readouterr().err
+
+
+def test_a_set_that_is_not_finished_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = make(tmp_path / "d", MIXED, size=None)
+    about = json.loads((root / "dataset.json").read_text())
+    for wanted, notes in ((0, 0), (3, 0), (250, 1)):
+        (root / "dataset.json").write_text(json.dumps(about | {"wanted": wanted}))
+        assert len(select_episodes(EpisodeSelection((root,), seeds=(0, 1))).notes) == notes
+    assert main(["dataset", "export", str(root), "--format", "robomimic"]) == 0
+    assert "3 of 250 successes" in capsys.readouterr().err
+
+
+def test_a_full_disk_is_not_taken_for_a_damaged_episode(tmp_path: Path) -> None:
+    source = select_episodes(EpisodeSelection((make(tmp_path / "d", ("success",)),)))
+    with pytest.raises(OSError, match="full"), open_selected(source.episodes[0]):
+        raise OSError(errno.ENOSPC, "disk full")

@@ -1,6 +1,7 @@
 import json
 import random
 import re
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -199,3 +200,24 @@ def test_the_command_takes_answers_from_a_file(
     (kept,) = read_sheets(tmp_path / "study" / "tlx")
     assert (kept.participant, kept.task, kept.condition) == ("P01", UNLOCK, "raw")
     assert (kept.seeds, kept.remarks) == ((3, 4), "slow")
+
+
+def test_the_advice_for_a_fresh_folder_works_with_persons_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    root = tmp_path / "a study"
+    answers = tmp_path / "p01.json"
+    answers.write_text(json.dumps({"ratings": RATINGS}))
+    words = ["study", "tlx", "--participant", "P01", "--out", str(root), "--task", UNLOCK]
+    words += ["--answers", str(answers), "--condition", "raw"]
+    assert main(words) == 1
+    said = capsys.readouterr().err
+    begin = re.search(r"with: (trill study latency .*)$", said, re.MULTILINE)
+    assert begin is not None
+    # Without it the synthetic operator would run its whole study first.
+    assert "--episodes 0" in begin[1]
+    assert main(shlex.split(begin[1])[1:]) == 0
+    assert not list(root.glob("trials*"))
+    assert main(words) == 0
+    assert main(["study", "latency", "--report", str(root)]) == 0
+    assert (root / "workload.csv").is_file()

@@ -23,7 +23,8 @@ from services.sim.physics.plant import Plant
 from services.sim.rendering.cameras import CameraConfig, CameraService
 from services.sim.service import PlantService
 from services.sim.tasks import registry
-from tests.services.sim.support import MS, FakeInputs, Stander
+from tests.services.inputs import FakeInputs
+from tests.services.sim.support import MS, Stander
 
 
 class Bench:

@@ -1,11 +1,12 @@
 """What is said of a package that is missing or broken."""
 
+import sys
 from pathlib import Path
 
 import pytest
 
 from common.errors import ConfigError
-from deploy.extras import require
+from common.packages import require
 
 
 def test_what_is_there_is_no_matter() -> None:
@@ -25,3 +26,21 @@ def test_a_broken_package_is_not_called_missing(
     with pytest.raises(ConfigError, match="cannot use the package broken_one: libGL") as told:
         require("it", "sim", "broken_one")
     assert "pip" not in str(told.value)
+
+
+def test_a_variable_that_breaks_the_import_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # What `import mujoco` does with MUJOCO_GL=osmesa where OSMesa is not installed.
+    (tmp_path / "mujoco.py").write_text("None.glGetError")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "mujoco", raising=False)
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    monkeypatch.setenv("PYOPENGL_PLATFORM", "egl")
+    with pytest.raises(ConfigError, match="unset MUJOCO_GL=osmesa;") as told:
+        require("it", "sim", "mujoco")
+    assert "PYOPENGL_PLATFORM" not in str(told.value)
+    monkeypatch.delenv("MUJOCO_GL")
+    with pytest.raises(ConfigError) as told:
+        require("it", "sim", "mujoco")
+    assert "unset" not in str(told.value)
