@@ -129,9 +129,12 @@ FALLER = Meeting("middle", np.array((0.506, -0.025, 0.051)), np.array((0.506, -0
 """Here the upper arms once pressed the chest with 115 N each."""
 
 
-@pytest.mark.parametrize("index", [8, 14, 16, 21, 26, 30, 41, 53, 58])
+@pytest.mark.parametrize("index", [8, 14, 16, 21, 28, 30, 41, 58, 87])
 def test_hands_that_meet_each_other_or_the_body_topple_nothing(index: int) -> None:
-    """Those with which the robot fell before its arms were kept apart, some of each kind."""
+    """Of each kind some that toppled the robot while nothing kept its arms apart.
+
+    The first did while its legs made way for an arm.
+    """
     meeting = random_meetings(300, 2026)[index]
     numbers = meetings([meeting], Scenario(delay=0.02, noise=NOISE))
     assert not numbers["falls"], meeting
