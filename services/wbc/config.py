@@ -94,6 +94,18 @@ class LimitConfig(_Config):
     )
     joint_stiffness: float = Field(default=400.0, description="of the arms' barrier [1/s²]")
     joint_damping: float = Field(default=40.0, description="of the arms' barrier [1/s]")
+    clearance_margin: float = Field(
+        default=0.01,
+        ge=0.0,
+        le=0.05,
+        description="distance at which the arms stop before each other and the body [m]",
+    )
+    clearance_stiffness: float = Field(
+        default=200.0, gt=0.0, description="of the barrier between them [1/s²]"
+    )
+    clearance_damping: float = Field(
+        default=28.0, gt=0.0, description="of the barrier between them [1/s]"
+    )
 
 
 class GaitConfig(_Config):

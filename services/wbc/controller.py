@@ -275,7 +275,7 @@ class Controller:
         path.mkdir(parents=True, exist_ok=True)
         np.savez_compressed(
             path / f"qp_{self.unsolved:04d}.npz",
-            P=data.P, q=data.q, A=data.A, l=data.l, u=data.u, status=solution.status,
+            **vars(data), status=solution.status,
         )  # fmt: skip
 
     def _report(

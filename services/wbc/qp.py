@@ -7,6 +7,9 @@ Variables x = [qdd (31); f_left (6); f_right (6)]. Rows of A, bounded by l <= A 
     31..47  wrench cone of the left foot, 48..64 of the right: U f >= 0
     65, 66  normal forces: fz <= fz_max(t)
     67..91  joint accelerations: qdd_min <= qdd <= qdd_max (25 motors)
+
+Besides, parts of the robot that are near each other are kept apart by soft rows, of which there are
+as many as such pairs: B qdd >= b, their violation being the last resort.
 """
 
 from dataclasses import dataclass, field
@@ -15,6 +18,7 @@ import numpy as np
 
 from common.robot import joints
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.clearance import Clearance
 from services.wbc.config import ContactConfig, WbcConfig
 from services.wbc.robot_model import NUM_MOTORS, NV, Dynamics
 from services.wbc.tasks import TaskStack
@@ -33,6 +37,8 @@ ARMS = slice(12, 24)
 """Motors of both arms; :data:`ARM_BOUNDS` are the rows of their accelerations."""
 ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
 INFINITY = 1e20
+SEPARATION_MAX = 50.0
+"""Limit of the acceleration at which near parts are made to separate [m/s²]."""
 AIRBORNE = 2.0
 """Normal force limit up to which a foot gets no wrench at all [N]."""
 FORCES = (slice(NV, NV + 6), slice(NV + 6, NV + 12))
@@ -63,13 +69,24 @@ def wrench_cone(config: ContactConfig) -> Array:
 
 @dataclass
 class QpData:
-    """Matrices of min 1/2 x' P x + q' x subject to l <= A x <= u, overwritten at every tick."""
+    """Matrices of min 1/2 x' P x + q' x subject to l <= A x <= u, overwritten at every tick.
+
+    Attributes:
+        B: (k, 31) soft rows, B qdd >= b.
+        b: (k,) their lower bounds [m/s²].
+    """
 
     P: Array = field(default_factory=lambda: np.zeros((NUM_VARIABLES, NUM_VARIABLES)))
     q: Array = field(default_factory=lambda: np.zeros(NUM_VARIABLES))
     A: Array = field(default_factory=lambda: np.zeros((NUM_CONSTRAINTS, NUM_VARIABLES)))
     l: Array = field(default_factory=lambda: np.full(NUM_CONSTRAINTS, -INFINITY))  # noqa: E741
     u: Array = field(default_factory=lambda: np.full(NUM_CONSTRAINTS, INFINITY))
+    B: Array = field(default_factory=lambda: np.zeros((0, NV)))
+    b: Array = field(default_factory=lambda: np.zeros(0))
+
+    def shortfall(self, x: Array) -> float:
+        """Return by how much a solution misses the worst of the soft rows [m/s²]."""
+        return float(np.max(self.b - self.B.dot(x[:NV]), initial=-np.inf))
 
 
 class QpBuilder:
@@ -140,7 +157,20 @@ class QpBuilder:
         np.subtract(self._lowest_torque, dynamics.bias_force, out=data.l[DYNAMICS])
         np.subtract(self._highest_torque, dynamics.bias_force, out=data.u[DYNAMICS])
         data.l[ARM_BOUNDS], data.u[ARM_BOUNDS] = self._arm_bounds(dynamics)
+        data.B, data.b = dynamics.clearance.jacobian, self._apart(dynamics.clearance)
         return data
+
+    def _apart(self, clearance: Clearance) -> Array:
+        """Return the accelerations (k,) at which near parts must at least separate [m/s²].
+
+        They are a second-order barrier: an approach slows down exponentially towards the margin.
+        Jdot v is left out, for it is small beside the damping.
+        """
+        limits = self._config.limits
+        gap = clearance.distance - limits.clearance_margin
+        wanted: Array = -limits.clearance_stiffness * gap
+        wanted -= limits.clearance_damping * clearance.rate
+        return np.minimum(wanted, SEPARATION_MAX)
 
     def _arm_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
         """Return acceleration bounds (12,), (12,) that keep the arm joints inside their limits.

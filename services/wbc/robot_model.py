@@ -18,7 +18,9 @@ from common.robot import frames, joints
 from common.robot.rotations import matrix_from_quaternion
 from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.clearance import Clearance, ClearanceModel
 from services.wbc.errors import ModelError
+from services.wbc.mjcf_subset import check_mjcf
 
 NUM_MOTORS = joints.NUM_MOTORS
 NV = 6 + NUM_MOTORS
@@ -82,16 +84,19 @@ class RobotModel:
     """Pinocchio model with locked fingers and merged knees; call :meth:`update` once a tick.
 
     Raises:
-        ModelError: the MJCF's joints are not the expected 27 in the expected order.
+        ModelError: the MJCF's joints are not the expected 27 in the expected order, or it uses
+            what MuJoCo and pinocchio read differently.
     """
 
     def __init__(self) -> None:
+        check_mjcf(joints.MJCF_PATH)
         full = pin.buildModelFromMJCF(str(joints.MJCF_PATH))
         locked = [full.getJointId(name) for pair in joints.FINGER_JOINTS.values() for name in pair]
         reference = pin.neutral(full)
         for index in locked:
             reference[full.joints[index].idx_q] = 0.5 * joints.GRIPPER_STROKE
-        self.model = pin.buildReducedModel(full, locked, reference)
+        geometry = pin.buildGeomFromMJCF(full, str(joints.MJCF_PATH), pin.GeometryType.COLLISION)
+        self.model, geometry = pin.buildReducedModel(full, geometry, locked, reference)
         names = tuple(self.model.names)[2:]
         if names != joints.JOINT_NAMES:
             raise ModelError(
@@ -99,6 +104,7 @@ class RobotModel:
                 "restore the order of common/robot/draco3.xml or of JOINTS"
             )
         self.data = self.model.createData()
+        self._clearance_model = ClearanceModel(self.model, geometry)
         # Motion relative to the body is that of the arms on a torso at rest at the origin.
         arms = {joints.JOINT_NAMES[i] for i in range(joints.NUM_JOINTS)[ARMS]}
         others = [i for i, name in enumerate(self.model.names) if i and name not in arms]
@@ -159,6 +165,7 @@ class RobotModel:
             _frame(arms, arm_data, index, jacobians[rows], velocities[rows])
             for rows, index in zip(HAND_ROWS, self._hands, strict=True)
         )
+        clearance = self._clearance_model.update(data, q, v)
         return Dynamics(
             base_position=q[:3],
             base_rotation=data.oMi[1].rotation.copy(),
@@ -173,6 +180,7 @@ class RobotModel:
             com_bias=data.acom[0].copy(),
             feet=(left_foot, right_foot),
             hands=(left_hand, right_hand),
+            clearance=clearance._replace(jacobian=self.reduce_columns(clearance.jacobian)),
         )
 
 
@@ -206,6 +214,7 @@ class Dynamics(NamedTuple):
         hands: (left, right) hand frames relative to torso_link and expressed in it; their
             Jacobians have no base columns, so the QP does not pursue a hand target by moving the
             torso.
+        clearance: distances of arms and body where they are near each other; Jacobian (k, 31).
     """
 
     base_position: Array
@@ -221,6 +230,7 @@ class Dynamics(NamedTuple):
     com_bias: Array
     feet: tuple[FrameKinematics, FrameKinematics]
     hands: tuple[FrameKinematics, FrameKinematics]
+    clearance: Clearance
 
     def foot_wrench_jacobian(self, side: int) -> Array:
         """Return the Jacobian (6, 31) dual to a wrench [force; moment] in the foot's own frame."""

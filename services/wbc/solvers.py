@@ -1,7 +1,9 @@
 """QP solvers with a common interface: OSQP (default), and DAQP and quadprog, which are exact.
 
 OSQP keeps a workspace with a fixed sparsity pattern and starts from the last solution. The exact
-solvers start cold; they are alternatives, and the reference in the tests.
+solvers start cold; they are alternatives, and the reference in the tests. The soft rows, whose
+number varies, are for the exact solvers: OSQP leaves a QP to DAQP where its own solution misses
+one of them.
 """
 
 from dataclasses import dataclass
@@ -70,6 +72,10 @@ def _pattern() -> tuple[Array, Array]:
     return P, A
 
 
+SLACK_WEIGHT = 1e6
+"""Weight of a soft row's violation in the cost; the hands have 20."""
+SHORTFALL = 0.01
+"""Deviation within which a soft row counts as met, and as binding [m/s²]."""
 _SOLVED = (1, 2)
 _OUT_OF_ITERATIONS = 7
 """Status values of OSQP: solved (exactly or inaccurately); maximum iterations reached."""
@@ -88,7 +94,8 @@ class OsqpSolver:
     walking tick in a hundred ran out of iterations.
 
     With arms at their joint limits OSQP still needs hundreds of iterations, 10 ms of a 10 ms tick.
-    Its iterations are therefore limited, and ``fallback``, if given, solves what it did not finish.
+    Its iterations are therefore limited, and ``fallback``, if given, solves what it did not finish,
+    and what it solved without the soft rows to a solution that misses one of them.
     """
 
     name = "osqp"
@@ -100,6 +107,7 @@ class OsqpSolver:
         self._max_iterations = max_iterations
         self._fallback = fallback
         self._solver: Any = None
+        self._soft_rows_bind = False
         # Indices of P's and A's nonzeros in the flattened matrices.
         self._P_places = self._A_places = np.ones(0, dtype=np.intp)
         self._scale = self._P_scale = self._A_scale = np.ones(0)
@@ -141,6 +149,9 @@ class OsqpSolver:
 
     def solve(self, data: QpData) -> Solution:
         """Solve from the last solution with updated values."""
+        if self._soft_rows_bind and self._fallback is not None:
+            # They mostly do for many ticks on end.
+            return self._solve_exactly(data, self._fallback, "soft rows")
         if self._solver is None:
             self._setup(data)
         else:
@@ -157,7 +168,8 @@ class OsqpSolver:
         iterated = finite and status in (*_SOLVED, _OUT_OF_ITERATIONS)
         if iterated:
             solution = _held(data, self._scale * result.x, str(info.status))
-            if solution.solved and (status in _SOLVED or self._fallback is None):
+            kept = status in _SOLVED and data.shortfall(solution.x) < SHORTFALL
+            if solution.solved and (kept or self._fallback is None):
                 return solution
         else:
             # A diverged workspace would spoil the next warm start.
@@ -167,8 +179,9 @@ class OsqpSolver:
         return Solution(self._scale * result.x, False, str(info.status))
 
     def _solve_exactly(self, data: QpData, fallback: "Solver", status: str) -> Solution:
-        """Solve exactly what OSQP did not finish, and warm-start OSQP from the solution."""
+        """Solve exactly what OSQP did not, and warm-start OSQP from the solution."""
         exact = fallback.solve(data)
+        self._soft_rows_bind = exact.solved and data.shortfall(exact.x) > -SHORTFALL
         if not exact.solved:
             # Without a solution there is no warm start.
             self._solver = None
@@ -189,6 +202,12 @@ def _csc(mask: Array, values: Array) -> Any:
     return sparse.csc_matrix((values, rows, pointers), shape=mask.shape)
 
 
+_EQUALITY, _SOFT = 5, 8
+"""DAQP's senses of rows: active and immutable; soft."""
+_DAQP_SOLVED = (1, 2)
+"""DAQP's exits: solved, or solved with soft rows violated."""
+
+
 class DaqpSolver:
     """DAQP, a dense dual active-set method: exact, about three times faster than OSQP here."""
 
@@ -202,22 +221,24 @@ class DaqpSolver:
                 "solver 'daqp' is not installed; pip install daqp, or choose solver osqp"
             ) from error
         self._daqp = daqp
-        # DAQP takes bounds on all variables first, then the general rows.
-        rows = NUM_VARIABLES + BOUNDS.start
-        self._lower, self._upper = np.full(rows, -1e30), np.full(rows, 1e30)
-        self._sense = np.zeros(rows, dtype=np.intc)
-        self._sense[NUM_VARIABLES : NUM_VARIABLES + EQUALITIES] = 5  # active, immutable: equality
 
     def solve(self, data: QpData) -> Solution:
         """Solve from scratch."""
-        lower, upper = self._lower, self._upper
-        lower[6:NV], upper[6:NV] = data.l[BOUNDS], data.u[BOUNDS]
-        lower[NUM_VARIABLES:] = data.l[: BOUNDS.start]
-        upper[NUM_VARIABLES:] = data.u[: BOUNDS.start]
-        general = data.A[: BOUNDS.start]
-        x, _, status, _ = self._daqp.solve(data.P, data.q, general, upper, lower, self._sense)
+        # DAQP takes bounds on all variables first, then the general rows.
+        count = len(data.b)
+        lower = np.full(NUM_VARIABLES, -1e30), data.l[: BOUNDS.start], data.b
+        upper = np.full(NUM_VARIABLES, 1e30), data.u[: BOUNDS.start], np.full(count, 1e30)
+        lower[0][6:NV], upper[0][6:NV] = data.l[BOUNDS], data.u[BOUNDS]
+        sense = np.zeros(NUM_VARIABLES + BOUNDS.start + count, dtype=np.intc)
+        sense[NUM_VARIABLES : NUM_VARIABLES + EQUALITIES] = _EQUALITY
+        sense[NUM_VARIABLES + BOUNDS.start :] = _SOFT
+        rows = np.zeros((BOUNDS.start + count, NUM_VARIABLES))
+        rows[: BOUNDS.start], rows[BOUNDS.start :, :NV] = data.A[: BOUNDS.start], data.B
+        x, _, status, _ = self._daqp.solve(
+            data.P, data.q, rows, np.concatenate(upper), np.concatenate(lower), sense
+        )
         text = f"daqp exit {status}"
-        return _held(data, x, text) if status in (1, 2) else Solution(x, False, text)
+        return _held(data, x, text) if status in _DAQP_SOLVED else Solution(x, False, text)
 
 
 class QuadprogSolver:
@@ -241,8 +262,15 @@ class QuadprogSolver:
         bounded_below[:EQUALITIES] = bounded_above[:EQUALITIES] = False
         C = np.vstack((data.A[:EQUALITIES], data.A[bounded_below], -data.A[bounded_above]))
         b = np.concatenate((data.l[:EQUALITIES], data.l[bounded_below], -data.u[bounded_above]))
+        # Each soft row has a variable that makes up for its violation.
+        count = len(data.b)
+        soft = np.hstack((data.B, np.zeros((count, NUM_VARIABLES - NV)), np.eye(count)))
+        C = np.vstack((np.pad(C, ((0, 0), (0, count))), soft))
+        P = np.pad(data.P, (0, count))
+        P[range(NUM_VARIABLES, len(P)), range(NUM_VARIABLES, len(P))] = SLACK_WEIGHT
+        q, b = np.pad(data.q, (0, count)), np.concatenate((b, data.b))
         try:
-            x = self._quadprog.solve_qp(data.P, -data.q, C.T.copy(), b, EQUALITIES)[0]
+            x = self._quadprog.solve_qp(P, -q, C.T.copy(), b, EQUALITIES)[0][:NUM_VARIABLES]
         except ValueError as error:
             return Solution(np.zeros(NUM_VARIABLES), False, str(error))
         return _held(data, x, "solved")

@@ -12,6 +12,7 @@ from common.schemas import Gait
 from services.wbc.footsteps import gait_displacement
 from verification.walking import measures
 from verification.walking.measures import Numbers, random_gaits
+from verification.walking.meetings import meetings, random_meetings
 from verification.walking.stack import NOISE, Scenario
 
 SIX = tuple(gait for gait in Gait if gait is not Gait.NONE)
@@ -150,6 +151,15 @@ def reach_check(target: tuple[float, float, float]) -> Check:
     return Check("static reach", f"to {target}", run, {"position_m": 0.005, "rotation_deg": 2.0})
 
 
+def meeting_checks(count: int, chunks: int) -> Iterator[Check]:
+    """Check that no targets of the hands topple the robot; in chunks that can run side by side."""
+    scenario = Scenario(delay=0.02, noise=NOISE)
+    for chunk in range(chunks):
+        run = partial(meetings, random_meetings(count, 2026)[chunk::chunks], scenario)
+        name = f"{count} random meetings, part {chunk + 1} of {chunks}"
+        yield Check("hands meet", name, run, {"falls": 0.0, "force_n": 100.0})
+
+
 def determinism_check(count: int) -> Check:
     """Check that the same seed gives the same bytes and another seed does not."""
     hands = measures.roaming_motion
@@ -181,4 +191,5 @@ def all_checks(gaits: int, random: int) -> Iterator[Check]:
         yield tracking_check(axis, (), 0.010)
         yield tracking_check(axis, (Gait.FORWARD, Gait.SIDE_LEFT, Gait.TURN_RIGHT), 0.020)
     yield from map(reach_check, REACH_TARGETS)
+    yield from meeting_checks(300, 4)
     yield determinism_check(3)

@@ -25,7 +25,7 @@ from common.schemas.arrays import Float64Array as Array
 from common.topics import TELEOP_CLAIM, TELEOP_GAIT, TELEOP_SETPOINT, WBC_REPLY, WBC_STATE
 from services.sim.config import TYPICAL_NOISE, NoiseConfig, SimConfig
 from services.sim.service import PlantService
-from services.wbc.config import WbcConfig, wbc_config
+from services.wbc.config import HandConfig, WbcConfig, wbc_config
 from services.wbc.footsteps import Stance, gait_displacement
 from services.wbc.service import WbcService
 
@@ -51,6 +51,8 @@ class Scenario:
         delay: loop delay, half of it before and half after the controller [s].
         noise: white noise on the measured state.
         hands: motion of the hands; None publishes no set-points.
+        hand_quaternions: (left, right) orientations (w, x, y, z) of the hands in the body frame.
+        hand_mode: how the controller follows the set-points.
         solver: QP solver of the controller.
         seed: seed of everything random.
         tail: time run after the last gait, or in all if there are no gaits [s].
@@ -62,13 +64,16 @@ class Scenario:
     delay: float = 0.0
     noise: NoiseConfig = field(default_factory=NoiseConfig)
     hands: HandMotion | None = None
+    hand_quaternions: tuple[Array, Array] = (FORWARD, FORWARD)
+    hand_mode: Literal["interpolate", "raw"] = "interpolate"
     solver: Literal["osqp", "daqp", "quadprog"] = "osqp"
     seed: int = 0
     tail: float = 1.0
 
     def wbc(self) -> WbcConfig:
         """Return the controller's configuration."""
-        return wbc_config(self.torque_mode, self.pace, solver=self.solver)
+        hands = HandConfig(mode=self.hand_mode)
+        return wbc_config(self.torque_mode, self.pace, solver=self.solver, hands=hands)
 
 
 class WalkingOperator(Service):
@@ -84,9 +89,15 @@ class WalkingOperator(Service):
     reads = (WBC_STATE, WBC_REPLY)
     writes = (TELEOP_CLAIM, TELEOP_SETPOINT, TELEOP_GAIT)
 
-    def __init__(self, gaits: Sequence[Gait], hands: HandMotion | None) -> None:
+    def __init__(
+        self,
+        gaits: Sequence[Gait],
+        hands: HandMotion | None,
+        quaternions: tuple[Array, Array] = (FORWARD, FORWARD),
+    ) -> None:
         self._gaits = tuple(gaits)
         self._hands = hands
+        self._quaternions = quaternions
         self._requested = 0
         self._waiting = False
         self.completed = 0
@@ -115,9 +126,9 @@ class WalkingOperator(Service):
             setpoint = Setpoint(
                 header=Header(stamp=now_ns),
                 left_hand_position_in_body=left,
-                left_hand_quaternion_in_body=FORWARD,
+                left_hand_quaternion_in_body=self._quaternions[0],
                 right_hand_position_in_body=right,
-                right_hand_quaternion_in_body=FORWARD,
+                right_hand_quaternion_in_body=self._quaternions[1],
                 gripper_closure=np.zeros(2),
             )
             outputs.append(Output(TELEOP_SETPOINT, setpoint))
@@ -139,7 +150,7 @@ class Stack:
         )
         self.plant = self.plant_service.plant
         self.wbc_service = WbcService(scenario.wbc())
-        self.operator = WalkingOperator(scenario.gaits, scenario.hands)
+        self.operator = WalkingOperator(scenario.gaits, scenario.hands, scenario.hand_quaternions)
         half = f"{500.0 * scenario.delay:.6g}ms"
         self.runner = SimTimeRunner(
             [self.plant_service, self.wbc_service, self.operator],

@@ -1,5 +1,7 @@
 """States and set-points under the test's control."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -139,4 +141,4 @@ def claim(
 
 def copy_qp(data: QpData) -> QpData:
     """The builder reuses its arrays; a copy stays."""
-    return QpData(data.P.copy(), data.q.copy(), data.A.copy(), data.l.copy(), data.u.copy())
+    return replace(data, **{name: value.copy() for name, value in vars(data).items()})

@@ -10,7 +10,8 @@ from common.schemas import Gait
 from verification.walking import checks
 from verification.walking.checks import NOISY, STANDING, STEPPING, Check
 from verification.walking.measures import push, silence, walk
-from verification.walking.stack import Scenario, Stack, commanded_stance
+from verification.walking.meetings import Meeting, meetings, random_meetings
+from verification.walking.stack import NOISE, Scenario, Stack, commanded_stance
 
 NOISY_STEP = replace(NOISY, gaits=(Gait.FORWARD,))
 
@@ -122,3 +123,23 @@ def test_exact_solver_walks_to_the_same_place() -> None:
         ends.append(stack.stance().position)
         assert np.linalg.norm(ends[-1] - goal.position) < 0.005
     assert np.linalg.norm(ends[0] - ends[1]) < 0.002
+
+
+FALLER = Meeting("middle", np.array((0.506, -0.025, 0.051)), np.array((0.506, -0.025, 0.051)))
+"""Here the upper arms once pressed the chest with 115 N each."""
+
+
+@pytest.mark.parametrize("index", [8, 14, 16, 21, 28, 30, 41, 58, 87])
+def test_hands_that_meet_each_other_or_the_body_topple_nothing(index: int) -> None:
+    """Of each kind some that toppled the robot while nothing kept its arms apart.
+
+    The first did while its legs made way for an arm.
+    """
+    meeting = random_meetings(300, 2026)[index]
+    numbers = meetings([meeting], Scenario(delay=0.02, noise=NOISE))
+    assert not numbers["falls"], meeting
+    assert float(numbers["force_n"]) < 100.0
+
+
+def test_arms_do_not_press_the_chest() -> None:
+    assert meetings([FALLER], Scenario(delay=0.02, noise=NOISE))["force_n"] == 0.0

@@ -1,0 +1,146 @@
+"""Distances of the arms from each other and from the body, and how the joints change them.
+
+The shapes are the MJCF's own collision geoms, found by name, so that the controller keeps apart
+what the plant would let collide. Geoms of one link that form one part are wrapped in their convex
+hull; the fingers are in the middle of their stroke.
+"""
+
+from collections.abc import Sequence
+from itertools import product
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from common.robot import joints
+from common.robot.frames import COLLISION_SUFFIX
+from common.schemas.arrays import Float64Array as Array
+from services.wbc.errors import ModelError
+
+REACH = 0.06
+"""Distance up to which a pair of parts is reported [m]."""
+LEVER = 0.7
+"""No point of a part is farther from the axis of a joint that moves it [m]."""
+HULLS = {
+    "trunk": ("chest", "pelvis", "yoke"),
+    **{f"{side}_hand": tuple(f"{side}_{part}" for part in ("palm", "finger_a", "finger_b"))
+       for side in "lr"},
+}  # fmt: skip
+"""Parts that are made of several boxes of one link."""
+ENDS = ("forearm", "wrist", "hand")
+"""Parts of an arm below its elbow."""
+PAIRS = (
+    *product([f"l_{part}" for part in ENDS], [f"r_{part}" for part in ENDS]),
+    *((f"{side}_{part}", "trunk")
+      for side in "lr" for part in ("upper_arm", "elbow_motor", *ENDS)),
+    *((f"{side}_{part}", f"{side}_hip_motor") for side in "lr" for part in ENDS),
+)  # fmt: skip
+"""Parts that are kept apart."""
+
+
+class Clearance(NamedTuple):
+    """The k pairs of parts that are within :data:`REACH`.
+
+    Attributes:
+        pairs: their names.
+        distance: (k,) between the nearest points; negative where parts overlap [m].
+        rate: (k,) of change [m/s].
+        jacobian: (k, 33) of ``rate`` by the velocity of the arms; zero in the other columns. The
+            base moves all parts alike, and the legs shall not make way for an arm.
+    """
+
+    pairs: list[tuple[str, str]]
+    distance: Array
+    rate: Array
+    jacobian: Array
+
+
+class ClearanceModel:
+    """Measures the distances of :data:`PAIRS`.
+
+    Args:
+        model: the robot with locked fingers.
+        geometry: its collision geoms.
+
+    Raises:
+        ModelError: a geom is missing.
+    """
+
+    def __init__(self, model: pin.Model, geometry: pin.GeometryModel) -> None:
+        self._model, self._geometry = model, geometry
+        for name, parts in HULLS.items():
+            self._add_hull(name, parts)
+        moved = []
+        for pair in PAIRS:
+            first, second = (self._index(part) for part in pair)
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+            moved.append(self._moved_by(second) - self._moved_by(first))
+        self._moved = np.array(moved)
+        self._levers = LEVER * np.abs(self._moved[:, 6:])
+        self._data = geometry.createData()
+        # Distances when last measured, and the joints' positions then.
+        self._measured = np.zeros(len(PAIRS))
+        self._position = np.zeros((len(PAIRS), model.nv - 6))
+
+    def _index(self, part: str) -> int:
+        name = part + COLLISION_SUFFIX
+        if not self._geometry.existGeometryName(name):
+            known = sorted(shape.name for shape in self._geometry.geometryObjects)
+            raise ModelError(f"the MJCF has no geom {name!r}; it has {known}")
+        return int(self._geometry.getGeometryId(name))
+
+    def _add_hull(self, name: str, parts: Sequence[str]) -> None:
+        shapes = [self._geometry.geometryObjects[self._index(part)] for part in parts]
+        corners = coal.StdVec_Vec3s()
+        for shape in shapes:
+            for signs in product((-1.0, 1.0), repeat=3):
+                corners.append(shape.placement.act(np.array(signs) * shape.geometry.halfSide))
+        hull = coal.Convex.convexHull(corners, False, "")
+        parent = shapes[0].parentJoint
+        part = pin.GeometryObject(name + COLLISION_SUFFIX, parent, pin.SE3.Identity(), hull)
+        self._geometry.addGeometryObject(part)
+
+    def _moved_by(self, index: int) -> Array:
+        """Return 1 for each velocity (nv,) that moves a geom relative to the base, 0 for others."""
+        moved = np.zeros(self._model.nv)
+        for joint in self._model.supports[self._geometry.geometryObjects[index].parentJoint]:
+            moved[self._model.joints[joint].idx_v] = 1.0
+        moved[:6] = 0.0
+        return moved
+
+    def update(self, data: pin.Data, position: Array, velocity: Array) -> Clearance:
+        """Return the pairs within reach.
+
+        Args:
+            data: of the model, with placements and Jacobians at the present position.
+            position: (34,) of the model.
+            velocity: (33,) of the model.
+        """
+        pin.updateGeometryPlacements(self._model, data, self._geometry, self._data)
+        near, lines = [], []
+        for index in self._perhaps_near(position[7:]):
+            result = pin.computeDistance(self._geometry, self._data, index)
+            self._measured[index] = result.min_distance
+            if result.min_distance < REACH:
+                point, normal = result.getNearestPoint1(), result.normal
+                near.append(index)
+                lines.append((*normal, *pin.skew(point).dot(normal)))
+        # Both nearest points lie on one line along the normal, of which these are the coordinates:
+        # their product with a joint's axis is the velocity of either point along the normal.
+        jacobian = np.array(lines).reshape(-1, 6).dot(data.J) * self._moved[near]
+        rate = jacobian.dot(velocity)
+        jacobian[:, : 6 + joints.LEFT_ARM.start] = 0.0
+        return Clearance([PAIRS[i] for i in near], self._measured[near], rate, jacobian)
+
+    def _perhaps_near(self, position: Array) -> list[int]:
+        """Return the pairs that may have come within reach since they were last measured.
+
+        To measure them all takes longer than all other terms of the model.
+        """
+        turned = np.abs(position - self._position)
+        approach = (turned * self._levers).sum(axis=1)
+        perhaps = np.flatnonzero(self._measured - approach < REACH)
+        self._position[perhaps] = position
+        indices: list[int] = perhaps.tolist()
+        return indices
