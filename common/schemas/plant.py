@@ -52,6 +52,9 @@ class PlantState(Message):
         max_length=16,
         description="torque limits of the motors, `relaxed` or `rated`; empty: not told",
     )
+    stops: Count = Field(
+        default=0, description="emergency stops so far, so that one that is over is noticed, too"
+    )
 
 
 class JointCommand(Message):

@@ -10,7 +10,7 @@ import numpy as np
 
 from common.plant.config import PHYSICS_RATE, PHYSICS_STEP_NS
 from common.plant.guard import Refusal
-from common.plant.stop import load_stop, save_stop
+from common.plant.stop import StopRecord, load_stop, save_stop
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     GuardMode,
@@ -61,11 +61,19 @@ class PlantService(Service):
     reads = (WBC_COMMAND, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)
     writes: tuple[Topic[Any], ...] = (PLANT_STATE, PLANT_TRUTH, PLANT_STATUS)
 
-    def __init__(self, config: SimConfig | None = None) -> None:
+    def __init__(self, config: SimConfig | None = None, stop: StopRecord | None = None) -> None:
+        """Prepare a plant.
+
+        Args:
+            config: its configuration.
+            stop: emergency stops before it; None: those in its file, if it keeps one.
+        """
         config = config or SimConfig()
         latch = config.guard.latch_file
         self._latch_file = Path(latch) if latch else None
-        self.plant = Plant(config, load_stop(self._latch_file) if self._latch_file else None)
+        if stop is None and self._latch_file is not None:
+            stop = load_stop(self._latch_file)
+        self.plant = Plant(config, stop)
         self._kept_stop = self.plant.guard.stop
         if self._kept_stop.latched:
             _LOG.warning(
@@ -78,7 +86,8 @@ class PlantService(Service):
         topics += [TASK_SCENE] * self.plant.view.moves
         topics += [TASK_STATUS] * (self.plant.trial is not None)
         self.writes = tuple(topics)
-        self.settings = config.model_dump(mode="json")
+        # The record at the start decides what the plant does, so that a replay needs it.
+        self.settings = config.model_dump(mode="json") | {"stop": self._kept_stop.model_dump()}
         self.period_ns = config.physics_steps * PHYSICS_STEP_NS
         self.paused = False
         self._state_every = PHYSICS_RATE // config.state_rate
@@ -100,7 +109,11 @@ class PlantService(Service):
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any]) -> Self:
         """Build the plant for a replay; it keeps no file of stops."""
-        return cls(validated(SimConfig, overlaid(settings, {"guard": {"latch_file": ""}})))
+        config = {key: value for key, value in settings.items() if key != "stop"}
+        return cls(
+            validated(SimConfig, overlaid(config, {"guard": {"latch_file": ""}})),
+            validated(StopRecord, settings.get("stop", {})),
+        )
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Handle requests and the newest command, run the physics steps due, and report."""

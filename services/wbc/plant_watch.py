@@ -16,15 +16,17 @@ class PlantWatch:
         obstacle: why the robot does not do what the controller commands; empty: it does.
         bystander: whether it does what another controller commands.
         misfit: why this plant must not be commanded at all; empty: it may.
+        stopped: whether an emergency stop is on, or was since the state before. A stop may begin
+            and end between two states: while the plant is paused, or while the controller hangs.
     """
 
     def __init__(self, torque_mode: str) -> None:
         """Watch a plant for a controller that plans with the limits of ``torque_mode``."""
         self._torque_mode = torque_mode
         self.obstacle = self.misfit = ""
-        self.bystander = False
+        self.bystander = self.stopped = False
         self._stamp = -1
-        self._reset_count = 0
+        self._reset_count = self._stops = 0
         self._obeyed = self._restarted = 0
 
     def update(self, state: PlantState, boot: int) -> str:
@@ -39,10 +41,14 @@ class PlantWatch:
         """
         stamp = state.header.stamp
         first = self._stamp < 0
+        missed = not first and state.stops > self._stops and state.guard is not GuardMode.ESTOP
         reason = "" if first else self._interruption(state)
+        if missed and not reason:
+            reason = "there was an emergency stop"
         if first or reason or state.guard is GuardMode.ACTIVE:
             self._obeyed = stamp
-        self._stamp, self._reset_count = stamp, state.reset_count
+        self._stamp, self._reset_count, self._stops = stamp, state.reset_count, state.stops
+        self.stopped = missed or state.guard is GuardMode.ESTOP
         self.misfit = torque_misfit(self._torque_mode, state)
         self.obstacle = self.misfit or self._find_obstacle(state, boot)
         if self.obstacle and not reason and stamp - self._restarted > LONGEST_GAP_NS:

@@ -13,7 +13,6 @@ from common.schemas import (
     GaitOutcome,
     GaitReply,
     GaitRequest,
-    GuardMode,
     Header,
     JointCommand,
     PlantState,
@@ -94,7 +93,7 @@ class WbcService(Service):
         outputs = self._restart_if_needed(state)
         self._stamp = state.header.stamp
         time = state.header.stamp * 1e-9
-        outputs += self._update_authority(inputs, state)
+        outputs += self._update_authority(inputs)
         self._follow_setpoint(time)
         outputs += self._take_requests()
         command, report = self.controller.tick(state, time)
@@ -127,12 +126,11 @@ class WbcService(Service):
         requests, self._requests = self._requests, []
         return [self._reply(r, GaitOutcome.REFUSED, "no fresh plant state") for r in requests]
 
-    def _update_authority(self, inputs: Inputs, state: PlantState) -> list[Output]:
+    def _update_authority(self, inputs: Inputs) -> list[Output]:
         """Decide who has the robot; return each change, or the decision in force at 10 Hz."""
         authority = self._authority
         claims = inputs.latest_by_sender(TELEOP_CLAIM)
-        stopped = state.guard is GuardMode.ESTOP
-        changes = authority.update(self._stamp, claims, stopped=stopped)
+        changes = authority.update(self._stamp, claims, stopped=self._watch.stopped)
         if changes:
             self.controller.hand_over.begin()
             self._setpoint_stamp, self._setpoint_time = 0, -inf

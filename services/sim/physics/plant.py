@@ -270,6 +270,7 @@ class Plant:
             fallen=self.fallen,
             controller_boot=0 if controller is None else controller.boot,
             torque_mode=self.config.torque_mode.value,
+            stops=self.guard.stop.stops,
         )
 
     def measured(self) -> PlantState:

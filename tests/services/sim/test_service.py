@@ -1,5 +1,6 @@
 """The plant on a bus: rates, events, clock and what it reports."""
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 from pydantic import ValidationError
 
 from common.errors import SchemaError
+from common.plant.config import GuardConfig
+from common.plant.stop import StopRecord, save_stop
 from common.runtime.service import Output
 from common.schemas import (
     Estop,
@@ -265,11 +268,16 @@ def test_a_stop_while_paused_repeats_no_stamp() -> None:
     bench.inputs.put(ESTOP, pressed())
     bench.run(50)
     assert bench.guard() is GuardMode.ESTOP
+    bench.inputs.put(ESTOP_CLEAR, clear(1))
+    bench.run(50)
+    bench.inputs.put(ESTOP, pressed())
+    bench.run(50)
     bench.ask(PlantAction.RESUME)
     bench.run(50)
     stamps = [state.header.stamp for state in bench.states]
     assert np.diff(stamps).min() > 0
     assert bench.states[-1].guard is GuardMode.ESTOP
+    assert bench.states[-1].stops == 2, "a stop that ended in the pause is told after it"
 
 
 def test_a_beat_is_no_stop_and_its_absence_holds() -> None:
@@ -304,6 +312,20 @@ def test_a_restarted_plant_is_still_stopped(tmp_path: Path) -> None:
     bench.run(1)
     assert bench.guard() is GuardMode.SILENT
     assert bench.status.stops == 1
+
+
+def test_a_plant_that_came_up_stopped_does_so_again_in_a_replay(tmp_path: Path) -> None:
+    path = tmp_path / "estop.json"
+    save_stop(path, StopRecord(stops=3).pressed("keyboard", "smoke"))
+    config = SimConfig().model_copy(update={"guard": GuardConfig(latch_file=str(path))})
+    recorded = PlantService(config)
+    path.unlink()
+    replayed = PlantService.from_settings(json.loads(json.dumps(recorded.settings)))
+    assert replayed.plant.guard.mode is GuardMode.ESTOP
+    assert replayed.plant.guard.stop == recorded.plant.guard.stop
+    # A log from before the record was kept is still replayed.
+    settings = {key: value for key, value in recorded.settings.items() if key != "stop"}
+    assert PlantService.from_settings(settings).plant.guard.mode is GuardMode.SILENT
 
 
 def test_a_stop_that_cannot_be_kept_is_told(

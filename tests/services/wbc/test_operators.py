@@ -224,6 +224,17 @@ def test_a_robot_that_does_not_obey_completes_no_gait_and_begins_none(
     assert words in refused.reason or "nobody has the robot" in refused.reason
 
 
+def test_a_stop_that_is_over_before_the_next_state_takes_the_robot_away_all_the_same() -> None:
+    desk = Desk().stand()
+    # The holder and whoever waits go on asking, as a policy does: nobody gets it by itself.
+    desk.state = {"stops": 1}
+    (change,) = desk.tick().of(AuthorityState)
+    assert (change.change, change.holder) == (AuthorityChange.STOPPED, "")
+    assert all(state.holder == "" for state in desk.tick(ticks=200).of(AuthorityState))
+    desk.acts[PERSON] = 1
+    assert desk.tick().of(AuthorityState)[-1].holder == "keyboard"
+
+
 def test_while_another_controller_has_the_plant_that_one_answers() -> None:
     desk = Desk().stand()
     desk.ask(1, SCRIPT)

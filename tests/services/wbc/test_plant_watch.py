@@ -102,3 +102,18 @@ def test_other_torque_limits_come_before_every_other_obstacle() -> None:
     assert "rated, the controller's relaxed" in reason
     plant.say(1, controller_boot=OWN)
     assert plant.watch.misfit == "", "a plant that does not tell is trusted"
+
+
+def test_a_stop_that_began_and_ended_between_two_states_is_noticed_once() -> None:
+    plant = Plant()
+    assert "emergency stop" in plant.say(stops=1)[0]
+    assert plant.watch.stopped
+    assert plant.say(2, stops=1) == ["", ""]
+    assert not plant.watch.stopped
+    # A plant that forgot its stops was restarted without a record: no new stop.
+    plant.say(stops=0)
+    assert not plant.watch.stopped
+    # Who begins after a stop cannot tell when it was.
+    later = PlantWatch("relaxed")
+    later.update(nominal_state(TICK).model_copy(update={"stops": 1}), OWN)
+    assert not later.stopped
