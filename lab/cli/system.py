@@ -44,7 +44,8 @@ DRIVE_EXAMPLES = """examples:
 """
 UP = """Start the robot's side (plant, cameras, whole-body controller, logger) without an operator
 and show the live table until Ctrl-C. A service that fails is restarted, up to three times.
-Operators come and go in terminals of their own. With --task, an operator that comes while no other
+Operators come and go in terminals of their own, and start after it: one that waits already keeps a
+port that it needs. With --task, an operator that comes while no other
 one is there begins a new trial: the plant is reset."""
 UP_EXAMPLES = """examples:
   trill up

@@ -53,6 +53,7 @@ class Claimant:
         self.asked: float | None = None
         self._own = Sender("", 0)
         self._believes = False
+        self._left: AuthorityState | None = None
         self._sent: OperatorClaim | None = None
         self._due_ns = 0
 
@@ -84,7 +85,8 @@ class Claimant:
             self.authority = said
             # A controller that has just been started knows of nobody, and learns it from claims.
             if said.change is not AuthorityChange.NONE:
-                self._believes = bool(said.holder) and said.holder_boot == own.boot
+                holds = bool(said.holder) and said.holder_boot == own.boot
+                self._believes = holds and not self._is_outdated(said)
         if stopped:
             self._believes = False
         if self._believes:
@@ -106,6 +108,9 @@ class Claimant:
     def release(self) -> None:
         """Give the robot back, or cease to ask for it: whoever waits may have it."""
         self.wants, self.asked = False, None
+        # What was said before it was heard of: word of it is still under way on a slow link, and
+        # must not count for the next time, nor the end of it take that away.
+        self._believes, self._left = False, self.authority
 
     def claims(self, now_ns: int, stamp: int) -> list[Output]:
         """Return the claim at 10 Hz and at each change; ``stamp`` is the last robot time [ns]."""
@@ -116,6 +121,12 @@ class Claimant:
             return []
         self._sent, self._due_ns = claim, now_ns + PERIOD_NS - EARLY_NS
         return [Output(TELEOP_CLAIM, claim.model_copy(update={"header": Header(stamp=stamp)}))]
+
+    def _is_outdated(self, said: AuthorityState) -> bool:
+        """Return whether the controller says what it said when the robot was given back."""
+        left = self._left
+        same_run = left is not None and left.header.boot == said.header.boot
+        return left is not None and same_run and said.changes <= left.changes
 
     def waits_for(self) -> str:
         """Return in words why it does not have the robot."""

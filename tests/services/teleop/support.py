@@ -175,9 +175,12 @@ class FakeController:
         self.claims.append(claim)
         mine = self.authority.holder_boot == BOOT
         if claim.wants and not mine and not self.authority.holder and self.grants:
-            self.authority = authority("operator", BOOT)
+            self._say(authority("operator", BOOT))
         elif mine and not claim.wants:
-            self.authority = authority(change=AuthorityChange.RELEASED, previous="operator")
+            self._say(authority(change=AuthorityChange.RELEASED, previous="operator"))
+
+    def _say(self, said: AuthorityState) -> None:
+        self.authority = said.model_copy(update={"changes": self.authority.changes + 1})
 
     def _queue(self, inputs: FakeInputs, replies: list[Message]) -> None:
         if not self.mute:

@@ -1,5 +1,7 @@
 """What an operator claims, and when it believes that it has the robot."""
 
+from typing import Any
+
 import pytest
 
 from common.schemas import (
@@ -91,6 +93,24 @@ def test_what_a_person_gives_back_is_given_back_at_once() -> None:
     assert tell(claimant, MINE)
     claimant.release()
     assert not tell(claimant, MINE)
+
+
+def test_who_gives_it_back_and_asks_at_once_is_not_confused_by_old_word() -> None:
+    claimant = Claimant(PERSON)
+
+    def said(changes: int, *fields: Any) -> bool:
+        return tell(claimant, authority(*fields).model_copy(update={"changes": changes}))
+
+    claimant.ask(1.0)
+    assert said(1, "me", BOOT)
+    claimant.release()
+    claimant.ask(1.2)
+    # On a link of half a second this still comes: it has the robot, then that it gave it back.
+    assert not said(1, "me", BOOT)
+    assert not said(2, "", 0, AuthorityChange.RELEASED, "me")
+    assert claimant.wants
+    assert not claimant.give_up(1.3)
+    assert said(3, "me", BOOT)
 
 
 def test_a_wish_that_nobody_grants_is_withdrawn() -> None:
