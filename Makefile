@@ -24,7 +24,7 @@ top: $(STAMP) ## show the live table of a running system
 test: $(STAMP) ## run the unit and integration tests, a few minutes
 	$(BIN)/python -m pytest $(ARGS)
 
-suite: $(STAMP) ## check every promise about standing, walking and reaching, twelve minutes
+suite: $(STAMP) ## check every promise about standing, walking and reaching, a quarter hour
 	$(BIN)/python -m verification.walking $(ARGS)
 
 study: $(STAMP) ## run the latency study with the synthetic operator, resumable; hours on two cores

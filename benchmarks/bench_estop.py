@@ -24,6 +24,7 @@ import numpy as np
 
 from common.estop import LONGEST_POLL_PERIOD, StopButton
 from common.plant.fallback import DAMP_DAMPING
+from common.runtime.live.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.schemas import EstopClear, GuardMode, PlantAction, PlantRequest, PlantState, PlantStatus
 from common.topics import (
     CAMERA_LEFT,
@@ -56,6 +57,13 @@ class Stop(NamedTuple):
 
     limp: float
     confirmed: float
+
+
+def _is_limp(state: PlantState) -> bool:
+    """Return whether the motors only damp the speed that a joint had before or has now."""
+    torque = np.abs(state.joint_torque)
+    rest = np.abs(state.joint_torque + DAMP_DAMPING * state.joint_velocity)
+    return state.guard is GuardMode.ESTOP and bool((np.minimum(torque, rest) <= LIMP).all())
 
 
 class Robot:
@@ -99,7 +107,7 @@ class Robot:
                 self._status = self._heard = message
             else:
                 self._state = message
-                if self.stopped is None and message.guard is GuardMode.ESTOP:
+                if self.stopped is None and _is_limp(message):
                     self.stopped = message
             self._changed.notify_all()
 
@@ -138,8 +146,7 @@ class Robot:
         """Stop the robot.
 
         Raises:
-            TimeoutError: it is not confirmed.
-            RuntimeError: the motors still do more than damp.
+            TimeoutError: it is not confirmed, or the motors do not become limp.
         """
         button = StopButton()
         with self._changed:
@@ -163,10 +170,7 @@ class Robot:
             self._changed.wait_for(lambda: self.stopped is not None, PATIENCE_S)
             state = self.stopped
         if state is None:
-            raise TimeoutError("the plant confirmed a stop that no state tells of")
-        active = np.abs(state.joint_torque + DAMP_DAMPING * state.joint_velocity).max()
-        if active > LIMP:
-            raise RuntimeError(f"expected limp motors, got {active:.1f} N·m beyond damping")
+            raise TimeoutError("the motors did not become limp")
         return Stop(1e-9 * (state.header.sent - pressed_ns), 1e-9 * (confirmed_ns - pressed_ns))
 
 
@@ -175,6 +179,8 @@ def measure(stops: int, links: str) -> list[Stop]:
     found = []
     waits = random.Random(0)
     with running_system(SystemOptions(links=links), None) as running:
+        # As every operator; the processes started above have settled their own.
+        print(f"scheduling of the button: {enter_realtime(DEFAULT_PRIORITY)}")
         robot = Robot(running.bus)
         try:
             for number in range(stops):
@@ -185,6 +191,7 @@ def measure(stops: int, links: str) -> list[Stop]:
             print(f"pictures taken in: {robot.pictures}")
         finally:
             robot.close()
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     return found
 
 

@@ -46,7 +46,7 @@ def preload(module: str) -> None:
 
     Errors are left to the real run, which reports them.
     """
-    with contextlib.suppress(Exception):
+    with contextlib.suppress(Exception, SystemExit):
         spec = find_spec(module)
         is_package = spec is not None and spec.submodule_search_locations is not None
         name = f"{module}.__main__" if is_package else module

@@ -62,4 +62,12 @@ def test_nothing_is_imported_that_the_start_does_not_need(module: str) -> None:
 def test_trill_imports_its_subcommands_only_when_they_are_chosen() -> None:
     modules = imported_by("lab.cli.main")
     own = {name for name in modules if name.partition(".")[0] in OWN}
-    assert own == {"common", "common.errors", "lab", "lab.cli", "lab.cli.commands", "lab.cli.main"}
+    assert own == {
+        "common",
+        "common.errors",
+        "common.program",
+        "lab",
+        "lab.cli",
+        "lab.cli.commands",
+        "lab.cli.main",
+    }

@@ -148,7 +148,7 @@ class RawTap:
                 decided[key] = decide(key)
             own = decided[key]
             if own is None:
-                self.refused += is_wildcard(key)
+                self.refused += is_wildcard(key) and received_as(self._robot, key) is None
                 return
             self.received += 1
             deliver(RawSample(own, sample.payload.to_bytes(), tag_of(sample.encoding), arrival_ns))

@@ -9,15 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import ConfigError, TrillError, report
+from common.packages import imports_of
 from common.runtime.live.main import argument_parser, load_settings
 from common.runtime.live.realtime import enter_realtime
 from common.runtime.live.stopping import StopSignals
 from common.tables import validated
-from services.logger.errors import LoggerError
-from services.logger.read.delivery import format_report
-from services.logger.record.config import LoggerConfig
-from services.logger.record.service import NAME, RecordingOptions, record
-from services.logger.record.units import parse_duration, parse_patterns, parse_size
+
+with imports_of("services.logger", "logger"):
+    from services.logger.errors import LoggerError
+    from services.logger.read.delivery import format_report
+    from services.logger.record.config import LoggerConfig
+    from services.logger.record.service import NAME, RecordingOptions, record
+    from services.logger.record.units import parse_duration, parse_patterns, parse_size
 
 FILE_NAME = "log.mcap"
 PRIORITY = 1

@@ -3,13 +3,16 @@
 import sys
 from argparse import SUPPRESS, ArgumentParser, Namespace
 
+from common.packages import imports_of
 from common.plant.config import TorqueMode
 from common.runtime.live.main import run_live
 from common.tables import validated
-from services.sim.config import TYPICAL_NOISE, SimConfig
-from services.sim.scenes import SCENES
-from services.sim.service import PlantService
-from services.sim.tasks import all_tasks
+
+with imports_of("services.sim", "sim"):
+    from services.sim.config import TYPICAL_NOISE, SimConfig
+    from services.sim.scenes import SCENES
+    from services.sim.service import PlantService
+    from services.sim.tasks import all_tasks
 
 DESCRIPTION = """Simulate the plant: DRACO 3 in MuJoCo at 1 kHz, behind its motor servo and command
 guard. It stands until commands arrive, follows them while they are valid and fresh, holds its

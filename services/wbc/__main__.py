@@ -6,11 +6,14 @@ import sys
 from pydantic import ValidationError
 
 from common.errors import ConfigError, explain
+from common.packages import imports_of
 from common.runtime.live.main import run_live
 from common.tables import overlaid
 from common.topics import TELEOP_SETPOINT
-from services.wbc.config import PACES, WbcConfig, wbc_config
-from services.wbc.service import WbcService
+
+with imports_of("services.wbc", "wbc"):
+    from services.wbc.config import PACES, WbcConfig, wbc_config
+    from services.wbc.service import WbcService
 
 DESCRIPTION = """Run the whole-body controller: measured state, hand set-points and gait requests
 in, joint commands out. It takes the robot over in any posture, stands it up, and then walks one

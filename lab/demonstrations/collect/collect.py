@@ -117,7 +117,16 @@ def collect(
                 f"{size(free(store.root))} free"
             )
 
+        kinds = {line.meta.machine for line in lines}
+
         def keep(key: SeedKey, result: EpisodeResult) -> None:
+            kind = result.meta.machine
+            if kinds and kind not in kinds:
+                on_message(
+                    f"seed {key.seed} was made on another kind of processor than those before, "
+                    f"{kind}: its last digits differ from theirs"
+                )
+            kinds.add(kind)
             line = store.add(result.meta, result.content)
             progress.lines[key.seed] = line
             progress.simulated += result.simulated

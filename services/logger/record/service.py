@@ -79,12 +79,7 @@ def record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str,
     """
     make_directory(options.path)
     check_space(options.path, options.config.min_free)
-    busy = next((p for p in existing_segments(options.path) if p.exists() and is_locked(p)), None)
-    if busy is not None:
-        raise LoggerError(
-            f"{busy} is being recorded by another logger; both would be read as one log: give "
-            "another --out"
-        )
+    _check_alone(options.path)
     Selection(options.bus.robot, options.config.topics, options.config.exclude)
     session: Any = open_session(options.bus, NAME, stopping)
     try:
@@ -95,9 +90,25 @@ def record(options: RecordingOptions, stopping: Callable[[], bool]) -> dict[str,
                 ", ".join(options.bus.connect_endpoints(NAME)),
                 stopping=stopping,
             )
+        # Another one may have been started at the same time.
+        _check_alone(options.path)
         return _Recording(options, session, robot).run(stopping)
     finally:
         session.close()
+
+
+def _check_alone(path: Path) -> None:
+    """Check that no other recorder writes there.
+
+    Raises:
+        LoggerError: one does.
+    """
+    busy = next((p for p in existing_segments(path) if p.exists() and is_locked(p)), None)
+    if busy is not None:
+        raise LoggerError(
+            f"{busy} is being recorded by another logger; both would be read as one log: give "
+            "another --out"
+        )
 
 
 class _Recording:
@@ -145,6 +156,8 @@ class _Recording:
             finally:
                 episode_queries.close()
                 tap.close()
+                if tap.refused:
+                    _log.warning("not recorded: %d messages put on wildcard keys", tap.refused)
         finally:
             report = recorder.stop()
         check_space(recorder.path, options.config.min_free)

@@ -1,13 +1,15 @@
 """Going on with a data set: with other code, options or seeds."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from common.episodes.errors import EpisodeError
 from common.errors import ConfigError
-from lab.demonstrations.collect.collect import collect
+from lab.demonstrations.collect.collect import SeedKey, collect
 from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
+from lab.demonstrations.collect.episode import EpisodeResult
 from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import LabError
 from lab.trials.provenance import CodeVersion
@@ -18,8 +20,10 @@ from tests.lab.demonstrations.collect.support import (
     digests,
     fake_executor,
     gather,
+    made,
     seeds,
 )
+from tests.lab.trials.fake_executor import FakeExecutor
 
 OTHER = CodeVersion(source="0" * 64, versions=CODE.versions)
 
@@ -92,3 +96,16 @@ def test_seeds_of_seven_digits_come_after_those_of_six(tmp_path: Path) -> None:
         999_999,
         1_000_000,
     ]
+
+
+def test_another_kind_of_processor_is_told_once(tmp_path: Path) -> None:
+    def make(key: SeedKey) -> EpisodeResult:
+        result = made(key.seed)
+        kind = "x86_64 AVX2" if key.seed in {2, 3} else result.meta.machine
+        return replace(result, meta=result.meta.model_copy(update={"machine": kind}))
+
+    said: list[str] = []
+    gather(tmp_path, 5, FakeExecutor(make, 1, lambda _key: False), on_message=said.append)
+    (told,) = [text for text in said if "kind of processor" in text]
+    assert "seed 2" in told
+    assert "AVX2" in told
