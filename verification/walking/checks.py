@@ -157,7 +157,7 @@ def meeting_checks(count: int, chunks: int) -> Iterator[Check]:
     for chunk in range(chunks):
         run = partial(meetings, random_meetings(count, 2026)[chunk::chunks], scenario)
         name = f"{count} random meetings, part {chunk + 1} of {chunks}"
-        yield Check("hands meet", name, run, {"falls": 0.0, "force_n": 100.0})
+        yield Check("hands meet", name, run, {"falls": 0.0, "pressed": 10.0})
 
 
 def determinism_check(count: int) -> Check:
