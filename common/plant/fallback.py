@@ -1,6 +1,6 @@
 """Motor targets without a valid command: put a raised foot down and hold, or only damp."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -126,6 +126,21 @@ class Hold:
         moved = s * s * (3.0 - 2.0 * s) * self.change + s * (1.0 - s) ** 2 * drift
         rate = (1.0 - s) * (6.0 * s * self.change + (1.0 - 3.0 * s) * drift) / duration
         return hold_target(now_ns, self.begin + moved, self.torque, rate)
+
+    def landed(self, now_ns: int, position: Array, foot_force: Array) -> "Hold":
+        """Return how to go on: as planned, or with the foot at rest once both feet carry.
+
+        A foot that lands early, as of a robot that tips towards it, would push it back and over.
+
+        Args:
+            now_ns: robot time [ns].
+            position: (27,) measured [rad].
+            foot_force: (2,) normal force under the left and the right foot [N].
+        """
+        if now_ns >= self.end_ns or foot_force.min() < CARRYING:
+            return self
+        stopped = np.where(self.change == 0.0, self.begin, position)
+        return replace(self, end_ns=now_ns, begin=stopped, change=_ZERO, velocity=_ZERO)
 
 
 def plan_hold(

@@ -20,6 +20,8 @@ from services.wbc.errors import ModelError
 
 REACH = 0.06
 """Distance up to which a pair of parts is reported [m]."""
+UPPER_ARM_REACH = 0.035
+"""The same for an upper arm, which is 0.05 m from the trunk when the arm hangs, but is slow [m]."""
 LEVER = 0.7
 """No point of a part is farther from the axis of a joint that moves it [m]."""
 HULLS = {
@@ -40,7 +42,7 @@ PAIRS = (
 
 
 class Clearance(NamedTuple):
-    """The k pairs of parts that are within :data:`REACH`.
+    """The k pairs of parts that are within reach.
 
     Attributes:
         pairs: their names.
@@ -54,6 +56,9 @@ class Clearance(NamedTuple):
     distance: Array
     rate: Array
     jacobian: Array
+
+
+_NOTHING_NEAR = Clearance([], np.zeros(0), np.zeros(0), np.zeros((0, 33)))
 
 
 class ClearanceModel:
@@ -79,6 +84,9 @@ class ClearanceModel:
         self._moved = np.array(moved)
         self._levers = LEVER * np.abs(self._moved[:, 6:])
         self._data = geometry.createData()
+        self._reach = np.array(
+            [UPPER_ARM_REACH if "upper" in first else REACH for first, _ in PAIRS]
+        )
         # Distances when last measured, and the joints' positions then.
         self._measured = np.zeros(len(PAIRS))
         self._position = np.zeros((len(PAIRS), model.nv - 6))
@@ -117,12 +125,15 @@ class ClearanceModel:
             position: (34,) of the model.
             velocity: (33,) of the model.
         """
+        perhaps = self._perhaps_near(position[7:])
+        if not perhaps:
+            return _NOTHING_NEAR
         pin.updateGeometryPlacements(self._model, data, self._geometry, self._data)
         near, lines = [], []
-        for index in self._perhaps_near(position[7:]):
+        for index in perhaps:
             result = pin.computeDistance(self._geometry, self._data, index)
             self._measured[index] = result.min_distance
-            if result.min_distance < REACH:
+            if result.min_distance < self._reach[index]:
                 point, normal = result.getNearestPoint1(), result.normal
                 near.append(index)
                 lines.append((*normal, *pin.skew(point).dot(normal)))
@@ -140,7 +151,7 @@ class ClearanceModel:
         """
         turned = np.abs(position - self._position)
         approach = (turned * self._levers).sum(axis=1)
-        perhaps = np.flatnonzero(self._measured - approach < REACH)
+        perhaps = np.flatnonzero(self._measured - approach < self._reach)
         self._position[perhaps] = position
         indices: list[int] = perhaps.tolist()
         return indices

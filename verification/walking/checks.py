@@ -115,7 +115,7 @@ def walking_silence(
 
 
 def silence_checks() -> Iterator[Check]:
-    """Check silences of every length, in every gait and at two more paces.
+    """Check silences of every length, in every gait and at every pace.
 
     Those shorter than the guard's patience are without delay, for it counts like silence.
     """
@@ -133,7 +133,7 @@ def silence_checks() -> Iterator[Check]:
     for gait in SIX[1:]:
         row = (replace(NOISY, gaits=(gait,), seed=int(gait)),)
         yield walking_silence(f"1 s silent, noisy, {gait.name.lower()}", 1.0, row)
-    for pace in ("fast", "slow"):
+    for pace in ("fast", "slow", "public"):
         row = (replace(forward[0], pace=pace),)
         yield walking_silence(f"1 s silent, noisy, {pace}", 1.0, row)
 
@@ -157,7 +157,7 @@ def meeting_checks(count: int, chunks: int) -> Iterator[Check]:
     for chunk in range(chunks):
         run = partial(meetings, random_meetings(count, 2026)[chunk::chunks], scenario)
         name = f"{count} random meetings, part {chunk + 1} of {chunks}"
-        yield Check("hands meet", name, run, {"falls": 0.0, "force_n": 100.0})
+        yield Check("hands meet", name, run, {"falls": 0.0, "pressed": 10.0})
 
 
 def determinism_check(count: int) -> Check:

@@ -245,9 +245,10 @@ class Plant:
             self._target = damp_target(self.now_ns)
 
     def _follow(self, hold: Hold) -> None:
+        force = foot_normal_forces(self.data, self.addresses.feet)
+        hold = hold.landed(self.now_ns, self._qpos[self.addresses.qpos], force)
         self._target = hold.target(self.now_ns)
-        if self.now_ns >= hold.end_ns:
-            self._hold = None
+        self._hold = hold if self.now_ns < hold.end_ns else None
 
     def truth(self) -> PlantState:
         """Return the exact state now."""

@@ -93,6 +93,24 @@ def test_the_foot_begins_as_it_moves_and_ends_at_rest(side: str, other: str, leg
     np.testing.assert_allclose(found.target(NOW + LOWERING_NS // 2).law, middle.law, atol=1e-9)
 
 
+def test_a_foot_that_lands_early_stops_where_it_is_and_nothing_else_does() -> None:
+    position = in_mid_swing("left")
+    planned = hold(position, 0.0, 350.0)
+    now = NOW + LOWERING_NS // 2
+    measured = position + 0.01
+    assert planned.landed(now, measured, np.array([29.0, 330.0])) is planned
+    landed = planned.landed(now, measured, np.array([30.0, 330.0]))
+    expected = position.copy()
+    moved = np.flatnonzero(planned.change)
+    assert set(moved) <= set(range(LEFT_LEG.start, LEFT_LEG.stop))
+    expected[moved] += 0.01
+    for later in (now, END):
+        law = hold_target(later, expected, TORQUE).law
+        np.testing.assert_allclose(landed.target(later).law, law, atol=1e-9)
+    assert landed.end_ns == now
+    assert planned.landed(END, measured, np.array([180.0, 180.0])) is planned
+
+
 @pytest.mark.parametrize("forces", [(180.0, 170.0), (31.0, 320.0), (0.0, 0.0), (0.0, 29.0)])
 def test_without_exactly_one_carrying_foot_the_posture_is_held(forces: tuple[float, float]) -> None:
     position = in_mid_swing("left")

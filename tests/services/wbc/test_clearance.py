@@ -9,7 +9,7 @@ import pytest
 
 from common.robot import joints
 from common.robot.frames import COLLISION_SUFFIX
-from services.wbc.clearance import HULLS, LEVER, PAIRS, REACH
+from services.wbc.clearance import HULLS, LEVER, PAIRS, REACH, UPPER_ARM_REACH
 from services.wbc.config import LimitConfig, WbcConfig
 from services.wbc.errors import ModelError
 from services.wbc.qp import QpBuilder, QpData
@@ -67,7 +67,7 @@ def test_distances_are_those_of_the_plants_own_geoms(
                 for one, other in product(*map(_geoms, pair))
             )
             if pair not in reported:
-                assert distance > REACH - 1e-4
+                assert distance > (UPPER_ARM_REACH if "upper" in pair[0] else REACH) - 1e-4
             elif distance > 0.0:
                 seen += 1
                 same += abs(reported[pair] - distance) < 1e-4
@@ -155,14 +155,20 @@ def test_missing_geom_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         RobotModel()
 
 
-@pytest.fixture
-def good(model: RobotModel, walk: list[Tick]) -> QpData:
-    """A tick of a walk with the rows of the upper arms, 5 cm from the trunk, far from binding."""
-    tick = walk[len(walk) // 2]
+def _with_rows(tick: Tick) -> QpData:
+    """A tick's QP with a row for each shoulder, far from binding."""
     data = copy_qp(tick.data)
-    assert data.B.shape == (2, NV)
-    assert data.shortfall(tick.solution.x) < -1.0
+    assert data.B.shape == (0, NV)
+    data.B = np.zeros((2, NV))
+    for row, shoulder in enumerate((18, 24)):
+        data.B[row, shoulder : shoulder + 3] = 0.05, 0.2, -0.1
+    data.b = data.B @ tick.solution.x[:NV] - 2.0
     return data
+
+
+@pytest.fixture
+def good(walk: list[Tick]) -> QpData:
+    return _with_rows(walk[len(walk) // 2])
 
 
 @pytest.mark.parametrize("name", SOLVERS)
@@ -194,7 +200,7 @@ def test_osqp_returns_to_its_own_solutions(walk: list[Tick]) -> None:
     solver = make_solver("osqp")
     middle = len(walk) // 2
     for k, tick in enumerate(walk[middle : middle + 12]):
-        data = copy_qp(tick.data)
+        data = _with_rows(tick)
         if 2 <= k < 6:
             data.b[:] = 5.0
         result = solver.solve(data)
@@ -211,11 +217,10 @@ def test_barrier_brakes_an_approach_and_pushes_out_of_the_margin() -> None:
     model = RobotModel()
     state = nominal_state()
     shoulder = joints.JOINT_NAMES.index("l_shoulder_aa")
-    velocity = state.joint_velocity.copy()
+    position, velocity = state.joint_position.copy(), state.joint_velocity.copy()
+    position[shoulder] -= 0.3
     velocity[shoulder] = -1.0  # inwards
-    moving = make_state(
-        state.base_position, state.base_quaternion, state.joint_position, None, velocity
-    )
+    moving = make_state(state.base_position, state.base_quaternion, position, None, velocity)
     dynamics = model.update(RobotState.from_plant(moving))
     data = builder.build(dynamics, TaskStack(), (800.0, 800.0), (180.0, 180.0))
     index = dynamics.clearance.pairs.index(("l_upper_arm", "trunk"))
