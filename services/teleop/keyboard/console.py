@@ -99,6 +99,7 @@ class Console:
     _pressed: tuple[Binding | None, float] = (None, -math.inf)
     _waiting: deque[Command] = field(default_factory=lambda: deque(maxlen=KEYS_KEPT))
     _had_robot: bool = False
+    _controller: int = 0
 
     def __post_init__(self) -> None:
         self.targets = OperatorTargets(self.config.limits)
@@ -187,6 +188,20 @@ class Console:
                     )
                     if reply.outcome in {GaitOutcome.REFUSED, GaitOutcome.ABORTED}:
                         self.notice = f"{reply.outcome.name.lower()}: {reply.reason}"
+
+    def note_controller(self, boot: int, now: float) -> None:
+        """End the gaits that an earlier controller than the one with this boot id began."""
+        before, self._controller = self._controller, boot or self._controller
+        if before in (0, self._controller):
+            return
+        for index, sent in enumerate(self.requests):
+            if sent.outcome is GaitOutcome.ACCEPTED:
+                self.requests[index] = replace(
+                    sent,
+                    outcome=GaitOutcome.ABORTED,
+                    reason="the controller was restarted",
+                    since=now,
+                )
 
     def _act(self, command: Command, now: float, header: Header) -> list[Output]:
         match command:

@@ -81,6 +81,8 @@ class KeyboardOperator(Service):
         feedback, console = self._feedback(inputs), self.console
         console.claimant.update(inputs, Sender(self.name, self.boot), stopped=console.stopped)
         console.update_requests(own_replies(inputs.events(WBC_REPLY), self.boot), now)
+        if feedback.controller is not None:
+            console.note_controller(feedback.controller.header.boot, now)
         stamp = 0 if feedback.controller is None else feedback.controller.header.stamp
         target = inputs.latest(WBC_TARGET) if inputs.fresh(WBC_TARGET) else None
         outputs = console.follow(target, now, stamp)

@@ -6,7 +6,9 @@ import pytest
 from common.robot.rotations import rotation_between
 from common.schemas import Gait, GaitOutcome, GaitRequest, PlantAction, PlantRequest
 from common.topics import PLANT_REQUEST, PLANT_STATUS, TELEOP_GAIT, TELEOP_SETPOINT
+from services.teleop.keyboard.console import Console
 from services.teleop.keyboard.keymap import BY_KEY
+from services.teleop.keyboard.requests import SentRequest
 from services.teleop.targets.hand import home_pose
 
 from .desk import Desk
@@ -156,6 +158,19 @@ def test_a_gait_while_walking_is_sent_and_its_answer_shown() -> None:
     assert "refused: because" in desk.screen.text
     desk.bench.run(1.5)
     assert "forward: completed" in desk.screen.text
+
+
+def test_a_gait_of_a_controller_that_was_restarted_is_shown_as_ended() -> None:
+    console = Console()
+    for request_id, outcome in enumerate([GaitOutcome.COMPLETED, GaitOutcome.ACCEPTED]):
+        console.requests.append(SentRequest(request_id, Gait.FORWARD, 1.0, outcome))
+    for boot in (0, 5, 5, 0):
+        console.note_controller(boot, 2.0)
+        assert console.requests[1].outcome is GaitOutcome.ACCEPTED
+    console.note_controller(6, 3.0)
+    assert console.requests[0].outcome is GaitOutcome.COMPLETED
+    assert console.requests[1].outcome is GaitOutcome.ABORTED
+    assert "restarted" in console.requests[1].describe(3.0)
 
 
 def test_a_gait_without_an_answer_is_shown_as_such() -> None:
