@@ -129,7 +129,7 @@ def format_authority(authority: AuthorityState, plant: PlantStatus | None) -> st
     if authority.waiting:
         text += f"; waiting: {', '.join(authority.waiting)}"
     if authority.ignored:
-        text += f"; {authority.ignored} messages of others ignored"
+        text += f"; messages of others ignored: {authority.ignored}"
     return text
 
 

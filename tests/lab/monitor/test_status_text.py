@@ -73,7 +73,7 @@ def test_table_and_line_show_who_has_the_robot_and_who_waits() -> None:
         assert told in text
     ignored = authority(robot, ignored=7, waiting=[])
     for text in shown(robot.status(), ignored):
-        assert "taken from teleop; 7 messages of others ignored" in text
+        assert "taken from teleop; messages of others ignored: 7" in text
     nobody = authority(robot, holder="", changes=0, change=AuthorityChange.NONE, waiting=[])
     for text in shown(robot.status(), nobody):
         assert "nobody has the robot" in text
