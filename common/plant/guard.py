@@ -140,7 +140,7 @@ class Guard:
         self.mode = GuardMode.ESTOP
 
     def clear(self, stops: int, now_ns: int) -> bool:
-        """End the latched stop with the number ``stops``; return whether it was the one.
+        """End the latched stop if its number is ``stops``; return whether it was.
 
         The joints are damped until a command made after robot time ``now_ns`` [ns] is applied.
         """

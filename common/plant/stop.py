@@ -34,7 +34,7 @@ class StopRecord(BaseModel):
         )
 
     def cleared(self, stops: int) -> Self:
-        """Return the record after a clear of the stop with this number; of another: the same."""
+        """Return the record with the stop of this number ended; unchanged for another number."""
         return type(self)(stops=self.stops) if self.latched and stops == self.stops else self
 
 

@@ -38,7 +38,7 @@ class _PublisherRun:
         """Numbers that came since the last, too far ahead to be believed alone."""
 
     def is_plausible(self, seq: int) -> bool:
-        """Whether a number is near the last, or follows another one that was not."""
+        """Whether a number is near the last one, or confirms an earlier jump by following it."""
         if seq <= self.last + MAX_JUMP:
             self.ahead.clear()
             return True

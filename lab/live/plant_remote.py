@@ -72,7 +72,7 @@ class PlantRemote:
         self.state: PlantState | None = None
 
     def __enter__(self) -> Self:
-        """Return itself."""
+        """Enter the context; the bus is open already."""
         return self
 
     def __exit__(self, *_error: object) -> None:

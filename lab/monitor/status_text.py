@@ -100,12 +100,14 @@ def format_plant(plant: PlantStatus) -> str:
     state = f"{format_stop(plant)}, " if plant.guard is GuardMode.ESTOP else ""
     state += "FALLEN, " if plant.fallen else ""
     state += "paused, " if plant.paused else ""
+    held = plant.guard in {GuardMode.SILENT, GuardMode.HOLD} and plant.last_refusal
+    why = f" (refused {plant.last_refusal})" if held else ""
     foreign = ""
     if plant.commands_foreign:
         foreign = f", {plant.commands_foreign} commands of another controller refused"
-        foreign += f", last {plant.last_refusal}" if plant.last_refusal else ""
+        foreign += f", last {plant.last_refusal}" if plant.last_refusal and not held else ""
     return (
-        f"{state}guard {plant.guard.name}, real-time factor {plant.real_time_factor:.2f}, "
+        f"{state}guard {plant.guard.name}{why}, real-time factor {plant.real_time_factor:.2f}, "
         f"state age at torque {1e3 * plant.age_at_torque_median:.1f} ms "
         f"(p99 {1e3 * plant.age_at_torque_p99:.1f}){foreign}"
     )
@@ -129,7 +131,7 @@ def format_authority(authority: AuthorityState, plant: PlantStatus | None) -> st
     if authority.waiting:
         text += f"; waiting: {', '.join(authority.waiting)}"
     if authority.ignored:
-        text += f"; {authority.ignored} messages of others ignored"
+        text += f"; messages of others ignored: {authority.ignored}"
     return text
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from common.schemas import (
     ControllerState,
+    GuardMode,
     Header,
     Message,
     PlantState,
@@ -60,6 +61,8 @@ class PlantReader:
         """Last status of each life."""
         self._fallen = False
         self._falls = 0
+        self._stops = 0
+        self._latest: PlantStatus | None = None
         self._saturated, self._factors = _samples(), _samples()
         self._age_medians, self._age_p99s = _samples(), _samples()
 
@@ -73,6 +76,7 @@ class PlantReader:
         """Add a report."""
         self._falls += message.fallen and not self._fallen
         self._fallen = message.fallen
+        self._count_stops(message)
         self._statuses[message.header.boot] = message
         self._saturated.append(message.saturated_fraction)
         if not message.paused and message.real_time_factor > 0.0:
@@ -80,6 +84,15 @@ class PlantReader:
         if message.age_at_torque_median > 0.0:
             self._age_medians.append(1e3 * message.age_at_torque_median)
             self._age_p99s.append(1e3 * message.age_at_torque_p99)
+
+    def _count_stops(self, message: PlantStatus) -> None:
+        """Count a stop once, though a restarted plant keeps it and goes on with its number."""
+        latest, self._latest = self._latest, message
+        before = self._statuses.get(message.header.boot)
+        if before is not None:
+            self._stops += max(0, message.stops - before.stops)
+        elif message.guard is GuardMode.ESTOP:
+            self._stops += latest is None or latest.stops != message.stops
 
     @property
     def duration(self) -> float:
@@ -98,7 +111,7 @@ class PlantReader:
         return PlantStats(
             falls=self._falls,
             lives=len(lives),
-            stops=sum(last.stops for last in lives),
+            stops=self._stops,
             resets=sum(resets.values()),
             holds=sum(last.holds for last in lives),
             commands_applied=sum(last.commands_applied for last in lives),

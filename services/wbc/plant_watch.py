@@ -79,5 +79,5 @@ class PlantWatch:
         if guard is GuardMode.DAMP:
             return "the robot is limp, for no command reached it for long"
         if state.header.stamp - self._obeyed > LONGEST_HOLD_NS:
-            return "the plant holds the robot, for it gets no fresh command"
+            return "the plant holds the robot and applies no command"
         return ""

@@ -176,7 +176,7 @@ class WbcService(Service):
         return outputs
 
     def _refusal(self, request: GaitRequest) -> str:
-        """Return why a request is none for the state machine; empty: it is."""
+        """Return why a request is not passed to the state machine; empty: it is."""
         holder, sender = self._authority.holder, request.header.sender
         if sender != holder:
             self._authority.ignored += 1

@@ -41,7 +41,7 @@ _MAX_RIVALS = 16
 
 
 def names_of_one(service: str) -> tuple[str, ...]:
-    """Return the names of which a robot has one service at a time: its own, or those of plants."""
+    """Return the names that one robot may have once only: the service's own, or those of plants."""
     plants = with_role(Role.PLANT)
     return plants if service in plants else (service,)
 
@@ -154,7 +154,7 @@ class Identity(Component):
         ]
 
     def listen(self, seconds: float) -> None:
-        """Take this long to find another before anything is published; returns if there is one."""
+        """Look for another for ``seconds`` before anything is published, or until it must end."""
         end = time.monotonic() + seconds
         while time.monotonic() < end and not self.refusal:
             self.poll(time.monotonic_ns())
@@ -196,7 +196,7 @@ class Identity(Component):
         return {"conflict": "; ".join(map(str, self._rivals.by_boot.values()))[:200]}
 
     def close(self) -> None:
-        """Listen no more."""
+        """Stop listening."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
 

@@ -9,6 +9,7 @@ from common.schemas import (
     GaitOutcome,
     GaitReply,
     GaitRequest,
+    GuardMode,
     LinkChange,
     Message,
     PlantAction,
@@ -55,7 +56,10 @@ class EventLines:
 
     def _plant(self, message: PlantStatus) -> tuple[str, bool]:
         sender = message.header.sender
-        before = self._stops.get(sender, 0)
+        # A recorder that came later, or lost its oldest segments, hears the number of stops that
+        # have long been ended.
+        ended = message.stops if message.guard is not GuardMode.ESTOP else 0
+        before = self._stops.get(sender, ended)
         self._stops[sender] = message.stops
         if message.stops <= before:
             return "", False

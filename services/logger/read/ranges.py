@@ -52,7 +52,7 @@ class Ranges:
         return self._lasts[-1]
 
     def without_ends(self) -> tuple[int, ...]:
-        """The smallest and the largest member, each passed over if it is a run of its own."""
+        """The smallest and the largest member, leaving out a member that stands alone at an end."""
         firsts, lasts = self._firsts, self._lasts
         if not firsts:
             return ()

@@ -47,7 +47,7 @@ def prepare(log: Path, *, fresh: bool, on_progress: OnProgress) -> tuple[Path, S
 
 
 def identity_of(log: Path) -> str:
-    """Return what tells a log from any other: Rerun takes two of one identity for the same."""
+    """Return an identity of its own for a log: Rerun takes logs of one identity for the same."""
     first = find_segments(log)
     place = hashlib.sha256(str(first.paths[0].absolute()).encode()).hexdigest()[:16]
     return f"{first.recording or place}-{log.stem}"

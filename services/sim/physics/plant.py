@@ -313,7 +313,7 @@ def _with_task(config: SimConfig) -> SimConfig:
 
 
 def _worst(model: Any, qpos: Array, qvel: Array) -> str:
-    """Name the joint with the worst number, and the number."""
+    """Name the joint with the largest or a non-finite number, and that number."""
     for name, values, address, bound in (
         ("position", qpos, model.jnt_qposadr, FARTHEST),
         ("speed", qvel, model.jnt_dofadr, FASTEST),

@@ -26,7 +26,7 @@ near plane; with a farther one its shadows speckle the floor."""
 
 
 def _remedy() -> str:
-    """Return what to do: variables that are left set come before packages that may be missing."""
+    """Return how to mend it: a variable that is set is suspected before a missing package."""
     if hint := graphics_hint("PYOPENGL_PLATFORM"):
         return hint
     if device := os.environ.get("MUJOCO_EGL_DEVICE_ID"):

@@ -73,7 +73,7 @@ def test_table_and_line_show_who_has_the_robot_and_who_waits() -> None:
         assert told in text
     ignored = authority(robot, ignored=7, waiting=[])
     for text in shown(robot.status(), ignored):
-        assert "taken from teleop; 7 messages of others ignored" in text
+        assert "taken from teleop; messages of others ignored: 7" in text
     nobody = authority(robot, holder="", changes=0, change=AuthorityChange.NONE, waiting=[])
     for text in shown(robot.status(), nobody):
         assert "nobody has the robot" in text
@@ -105,3 +105,12 @@ def test_table_and_line_warn_of_doubled_services_and_who_is_ignored() -> None:
         assert "another wbc (boot 1f, up 3.0 s) is on the bus too" in text
         assert f"wbc ignored 7 of {link.topic}: message from plant boot b2" in text
     assert "on the bus too" not in "".join(shown((PLANT_STATE, state), (topic, health)))
+
+
+def test_a_held_plant_tells_why_it_applies_no_command() -> None:
+    topic, status_ = FakeRobot().status()
+    refusal = {"last_refusal": "wbc (boot 5): no emergency stop button is heard"}
+    for guard, told in ((GuardMode.SILENT, 1), (GuardMode.HOLD, 1), (GuardMode.ACTIVE, 0)):
+        seen = status_.model_copy(update={"guard": guard, **refusal})
+        for text in shown((topic, seen)):
+            assert text.count("no emergency stop button is heard") == told

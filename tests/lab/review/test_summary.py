@@ -12,6 +12,7 @@ from common.schemas import (
     EstopClear,
     Gait,
     GaitOutcome,
+    GuardMode,
     Header,
     OperatorKind,
 )
@@ -269,6 +270,7 @@ def test_stops_and_hand_overs_are_events_once_each() -> None:
         *[state(2, AuthorityChange.TAKEN, "keyboard", "script")] * 3,
         *[button(pressed=False)] * 3,
         *[button(pressed=True)] * 3,
+        robot.status(),
         *[(topic, stopped)] * 3,
         state(3, AuthorityChange.STOPPED, "", "keyboard"),
         (
@@ -287,6 +289,23 @@ def test_stops_and_hand_overs_are_events_once_each() -> None:
         "emergency stop 1 cleared by keyboard: key r",
     ]
     assert summary.plant.stops == 1
+
+
+def test_a_stop_counts_once_in_two_lives_and_not_at_all_if_it_was_over_before() -> None:
+    robot = FakeRobot()
+    topic, status = robot.status()
+    over = status.model_copy(update={"stops": 2, "stopped_by": "keyboard"})
+    stop = {"stops": 3, "stopped_by": "keyboard", "guard": GuardMode.ESTOP}
+    stopped = status.model_copy(update=stop)
+    header = status.header.model_copy(update={"boot": status.header.boot + 1})
+    restarted = stopped.model_copy(update={"header": header})
+    summary = summarise([robot.plant(PLANT_STATE, 0, 0, 0), (topic, over), (topic, over)])
+    assert (summary.plant.stops, summary.events) == (0, [])
+    both = [robot.plant(PLANT_STATE, 0, 0, 0), (topic, over), (topic, stopped), (topic, restarted)]
+    assert summarise(both).plant.stops == 1
+    only = summarise([robot.plant(PLANT_STATE, 0, 0, 0), (topic, stopped)])
+    assert only.plant.stops == 1
+    assert [event.text for event in only.events] == ["plant stopped by keyboard (stop 3)"]
 
 
 def test_real_time_factor_compares_robot_time_with_the_senders_clock() -> None:
