@@ -1,5 +1,6 @@
 """State, status, commands and requests of the plant (simulated or real robot)."""
 
+import math
 from enum import IntEnum
 
 import numpy as np
@@ -137,7 +138,7 @@ class PlantRequest(Message):
     @field_validator("force")
     @classmethod
     def _bounded(cls, force: Float64Array) -> Float64Array:
-        norm = float(np.linalg.norm(force))
+        norm = math.hypot(*force)
         if norm > MAX_PUSH:
             raise ValueError(f"expected a push of at most {MAX_PUSH:g} N, got {norm:g} N")
         return force
