@@ -3,7 +3,6 @@
 import logging
 import math
 from collections import deque
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,10 +16,11 @@ from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
 from common.schemas.arrays import Float64Array as Array
 from services.sim.config import NoiseConfig, SimConfig
-from services.sim.errors import PlantDivergedError, TaskError
+from services.sim.errors import TaskError
 from services.sim.model.contacts import GeomContact, foot_normal_forces, geom_contacts
 from services.sim.model.robot_state import jaw_closure, jaw_command
 from services.sim.model.world import build_model, find_addresses
+from services.sim.physics.divergence import check_state
 from services.sim.physics.noise import add_noise
 from services.sim.physics.stance import standing_qpos, standing_torque
 from services.sim.tasks import find_task
@@ -33,12 +33,6 @@ FALLEN_HEIGHT = 0.5
 """Torso height below which the robot has fallen [m]."""
 FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
 """Cosine of the torso's tilt below which the robot has fallen."""
-
-FARTHEST = 1e4
-"""Norm of all positions beyond which the physics has diverged [m, rad]."""
-FASTEST = 1e3
-"""Norm of all speeds beyond which it has [m/s, rad/s]; the hardest push reaches 280."""
-_FARTHEST_SQUARED, _FASTEST_SQUARED = FARTHEST**2, FASTEST**2
 
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
@@ -197,28 +191,12 @@ class Plant:
         mujoco.mj_step(self.model, self.data)
         self.steps += 1
         self.now_ns += PHYSICS_STEP_NS
-        self._check_physics()
+        check_state(self.model, self._qpos, self._qvel)
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
             self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
         if self.trial is not None and self._trial_from is not None:
             self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
-
-    def _check_physics(self) -> None:
-        """Refuse a state that robot or scene cannot have.
-
-        Raises:
-            PlantDivergedError: a position or velocity is not finite, or beyond all bounds.
-        """
-        qpos, qvel = self._qpos, self._qvel
-        # NaN compares as out of bounds, and one entry of it is enough.
-        if qpos.dot(qpos) <= _FARTHEST_SQUARED and qvel.dot(qvel) <= _FASTEST_SQUARED:
-            return
-        raise PlantDivergedError(
-            f"the physics diverged {self.steps} steps after the reset: expected positions and "
-            f"speeds below {FARTHEST:g} m and {FASTEST:g} m/s (rad, rad/s), got "
-            f"{_worst(self.model, qpos, qvel)}; reset the plant and lower gains or forces"
-        )
 
     def _is_down(self) -> bool:
         return (
@@ -310,20 +288,6 @@ def _with_task(config: SimConfig) -> SimConfig:
         )
     noise = config.noise if "noise" in given else task.noise
     return config.model_copy(update={"scene": task.scene, "noise": noise})
-
-
-def _worst(model: Any, qpos: Array, qvel: Array) -> str:
-    """Name the joint with the largest or a non-finite number, and that number."""
-    for name, values, address, bound in (
-        ("position", qpos, model.jnt_qposadr, FARTHEST),
-        ("speed", qvel, model.jnt_dofadr, FASTEST),
-    ):
-        # NaN counts as the largest.
-        index = int(np.abs(values).argmax())
-        if not abs(values[index]) <= bound:
-            joint = model.joint(int(np.searchsorted(address, index, side="right")) - 1)
-            return f"{name} {values[index]:g} of {joint.name or 'an unnamed joint'}"
-    return "many large numbers"
 
 
 def _log_warning(text: str) -> None:
