@@ -233,7 +233,8 @@ def test_who_names_another_shares_a_network_with_it_and_clients_share_none_with_
 def test_every_service_has_the_same_robot_and_plant_and_controller_the_same_limits() -> None:
     robots = {environment(services()[name]).get("TRILL_ROBOT") for name in SERVICES[1:]}
     assert robots == {"draco3"}
-    assert command(services()["sim"]) == command(services()["wbc"])
+    limits = command(services()["wbc"])
+    assert command(services()["sim"])[: len(limits)] == limits
 
 
 def test_a_crash_is_mended_but_a_finished_script_is_over() -> None:
@@ -258,6 +259,16 @@ def test_recordings_outlive_the_container() -> None:
     assert name in load("compose.yaml")["volumes"]
     assert command(services()["logger"], TRILL_RUN="x") == ["--out", f"{place}/x"]
     assert any(f"install -d -o 10001 -g 10001 {place}" in line for line in image("logger").lines)
+
+
+def test_an_emergency_stop_outlives_the_container() -> None:
+    (volume,) = services()["sim"]["volumes"]
+    name, _, place = volume.partition(":")
+    assert name in load("compose.yaml")["volumes"]
+    arguments = command(services()["sim"])
+    assert arguments[arguments.index("--latch-file") + 1].startswith(f"{place}/")
+    # With real-time scheduling the plant is root without the right to write anywhere.
+    assert any(f"-m 1777 {place}" in line for line in image("sim").lines)
 
 
 @pytest.mark.parametrize(("override", "delay"), LATENCIES.items())
