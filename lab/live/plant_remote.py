@@ -164,9 +164,9 @@ class PlantRemote:
             time.sleep(POLL_PERIOD)
         if self.status is None:
             raise LabError(
-                f"no plant of {self._bus.robot} was heard within {TIMEOUT:g} s; looked "
-                f"{_place(self._bus, self._name)}; if it runs elsewhere, say so with --base-port, "
-                "--connect or --robot"
+                f"no plant of {self._bus.robot} was heard within {TIMEOUT:g} s, so none has "
+                f"{done}; looked {_place(self._bus, self._name)}; if it runs elsewhere, say so "
+                "with --base-port, --connect or --robot"
             )
         raise LabError(
             f"the plant of {self._bus.robot} is heard, guard {self.status.guard.name}, but has not "
