@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import zenoh
 
-from common.transport.keys import is_wildcard, received_as
+from common.transport.keys import received_as
 from common.transport.session import tag_of
 
 TRANSPORT_QUEUE = 4096
@@ -129,12 +129,14 @@ class RawTap:
     def _receiver(self, before: tuple[Any, ...]) -> Callable[[Any], None]:
         """Return a callback that passes on samples that no expression of ``before`` matches."""
         decided: dict[str, str | None] = {}
+        refused: set[str] = set()
         clock, deliver = self._clock, self._deliver
 
         def decide(key: str) -> str | None:
             """Return the key under which samples of ``key`` are passed on; None: not."""
             own = received_as(self._robot, key)
             if own is None:
+                refused.add(key)
                 _log.warning("messages on the wildcard key %r are refused", key)
                 return None
             if any(other.intersects(zenoh.KeyExpr(key)) for other in before):
@@ -148,7 +150,7 @@ class RawTap:
                 decided[key] = decide(key)
             own = decided[key]
             if own is None:
-                self.refused += is_wildcard(key) and received_as(self._robot, key) is None
+                self.refused += key in refused
                 return
             self.received += 1
             deliver(RawSample(own, sample.payload.to_bytes(), tag_of(sample.encoding), arrival_ns))
