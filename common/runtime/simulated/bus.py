@@ -46,6 +46,8 @@ class SimBus:
         self._record = record
         self._readers: dict[str, list[Inbox]] = {}
         self._callbacks: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
+        self._newest: dict[str, bytes | None] = {}
+        """Payload of the newest message by the name of its topic, where somebody asks for it."""
 
     def boot(self, source: str, run: int) -> int:
         """Return the boot id of a source's ``run``-th run."""
@@ -67,10 +69,26 @@ class SimBus:
         """Call ``callback`` with every message of ``topic``, decoded, when it is sent."""
         self._callbacks[topic.name].append(callback)
 
+    def newest(self, topic: Topic[M]) -> Callable[[], M | None]:
+        """Return a function that decodes the newest message of ``topic``; None: none was sent."""
+        name, schema = topic.name, topic.schema
+        self._newest.setdefault(name, None)
+
+        def read() -> M | None:
+            payload = self._newest[name]
+            return None if payload is None else decode(payload, schema)
+
+        return read
+
     def wanted(self, topic: Topic[Any]) -> bool:
         """Whether a message of ``topic`` would be delivered or recorded."""
         name = topic.name
-        return bool(self._record or self._readers.get(name) or self._callbacks.get(name))
+        return bool(
+            self._record
+            or self._readers.get(name)
+            or self._callbacks.get(name)
+            or name in self._newest
+        )
 
     def send(
         self,
@@ -104,8 +122,12 @@ class SimBus:
             schema: type[Message] = topic.schema
             key = key_of(self._robot, topic, source)
             self.log.append(RawSample(key, payload, schema_tag(schema), now))
-        for callback in self._callbacks.get(topic.name, ()):
-            callback(decode(payload, topic.schema))
+        if topic.name in self._newest:
+            self._newest[topic.name] = payload
+        if callbacks := self._callbacks.get(topic.name):
+            decoded = decode(payload, topic.schema)
+            for callback in callbacks:
+                callback(decoded)
 
     def digest(self) -> str:
         """Return the SHA-256 over time, key and payload of everything in :attr:`log`."""
