@@ -243,10 +243,17 @@ class LocalExecutor:
         return messages
 
     def end(self) -> None:
-        """Cancel all work; a worker that does not end within a moment is killed."""
+        """Cancel all work; a worker that does not end within a moment is killed.
+
+        One without work is killed at once: it has nothing left to do, and an interpreter with
+        simulation and renderer takes longer to clear up than to be gone.
+        """
         self._end.value = 1
         for worker in self._workers:
+            idle = not worker.pending
             worker.end()
+            if idle:
+                worker.kill()
         until = monotonic() + _GRACE
         for worker in self._workers:
             if not worker.wait(max(0.0, until - monotonic())):

@@ -176,6 +176,38 @@ def test_taps_see_messages_as_published() -> None:
     assert not commands[0].position.flags.writeable
 
 
+def test_the_newest_message_is_decoded_only_when_it_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    decoded: list[type[object]] = []
+
+    def counted(payload: bytes, schema: type[PlantState]) -> PlantState:
+        decoded.append(schema)
+        return decode(payload, schema)
+
+    monkeypatch.setattr("common.runtime.simulated.bus.decode", counted)
+    runner = SimTimeRunner([ToyPlant()])
+    newest = runner.newest(PLANT_STATE)
+    assert newest() is None
+    runner.run_for(0.05)
+    assert decoded == []
+    state = newest()
+    assert state is not None
+    assert state.header.stamp == 49 * MS
+    assert decoded == [PlantState]
+
+
+def test_callbacks_share_a_message() -> None:
+    runner = SimTimeRunner([ToyPlant()])
+    first: list[PlantState] = []
+    second: list[PlantState] = []
+    runner.on_message(PLANT_STATE, first.append)
+    runner.on_message(PLANT_STATE, second.append)
+    runner.run_for(0.01)
+    assert len(first) == 2
+    assert all(a is b for a, b in zip(first, second, strict=True))
+
+
 def test_injected_messages_arrive_like_any_other() -> None:
     controller = ToyController()
     runner = SimTimeRunner([controller], links={"teleop/gait": "15ms"})

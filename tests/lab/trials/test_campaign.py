@@ -1,5 +1,7 @@
 """One campaign: order of results, lost workers, refused keys, and its end in every case."""
 
+import subprocess
+import sys
 import threading
 import time
 from collections import Counter
@@ -170,3 +172,14 @@ def test_while_no_result_arrives_it_reports_and_passes_messages_on() -> None:
     )
     assert messages == ["a worker is silent", "result True"]
     assert len(waits) == 2
+
+
+def test_the_process_that_hands_out_trials_does_without_the_robot() -> None:
+    """The workers import it; one after the other they would begin later."""
+    code = """
+import sys
+import lab.demonstrations.collect.progress, lab.studies.latency.run, lab.trials.results
+print({"services.wbc.service", "pinocchio", "osqp"} & set(sys.modules) or "none")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "none\n"

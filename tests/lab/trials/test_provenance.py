@@ -71,6 +71,47 @@ def test_a_changed_line_or_datum_is_another_digest_a_line_end_is_not(
     assert len({first, second, now()}) == 3
 
 
+def test_an_import_counts_in_any_statement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "common").mkdir()
+    names = [f"m{i}" for i in range(9)]
+    for name in names:
+        (tmp_path / "common" / f"{name}.py").write_text("")
+    text = """
+class A:
+    async def f(self, x):
+        async with x:
+            import common.m0
+        for _ in x:
+            while x: from common.m1 import y
+            else:
+                from common import m2
+try:
+    import os; import common.m3 as z
+except ImportError:
+    from common import m4 as m
+else:
+    if (lambda: 3)():
+        pass
+    elif 2 if os else 3:
+        from common.m5 import (
+            a,
+        )
+finally:
+    with open("x"):
+        import common.m6
+match 3:
+    case 3 if 4:
+        import common.m7
+try:
+    pass
+except* OSError:
+    import common.m8
+"""
+    (tmp_path / "common" / "a.py").write_text(text)
+    monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path)
+    assert set(closure("common.a")) == {"common.a", *(f"common.{name}" for name in names)}
+
+
 def test_no_clone_no_revision(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lab.trials.provenance, "ROOT", tmp_path)
     assert revision.__wrapped__() == ""

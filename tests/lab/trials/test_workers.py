@@ -1,5 +1,6 @@
 """Workers that are killed or stopped: the others go on, a message says so, another replaces it."""
 
+import atexit
 import os
 import signal
 import threading
@@ -21,6 +22,11 @@ def busy(seconds: float) -> int:
     end = time.monotonic() + seconds
     while time.monotonic() < end and not stop_request().is_set():
         time.sleep(0.01)
+    return os.getpid()
+
+
+def clear_up_at_exit(file: str) -> int:
+    atexit.register(Path(file).touch)
     return os.getpid()
 
 
@@ -68,6 +74,14 @@ def test_the_end_does_not_wait_for_a_stopped_worker() -> None:
     while Path(f"/proc/{stopped}").exists():
         assert time.monotonic() < until
         time.sleep(0.05)
+
+
+def test_the_end_does_not_wait_until_an_idle_worker_has_cleared_up(tmp_path: Path) -> None:
+    workers = LocalExecutor(1)
+    idle = workers.submit(clear_up_at_exit, str(tmp_path / "cleared")).result(60.0)
+    workers.end()
+    assert not Path(f"/proc/{idle}").exists() or "Z" in Path(f"/proc/{idle}/stat").read_text()
+    assert not (tmp_path / "cleared").exists()
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -5,7 +5,8 @@ import pytest
 from common.errors import ConfigError
 from lab.errors import LabError, LatencyStudyError
 from lab.studies.latency.conditions import standard
-from lab.studies.latency.run import run_study
+from lab.studies.latency.plan import TrialKey
+from lab.studies.latency.run import StudyProgress, run_study
 from lab.studies.latency.store import TRIALS, StudyStore
 from tests.lab.studies.latency.support import (
     CODE,
@@ -167,3 +168,28 @@ def test_time_left_is_that_of_the_trials_missing(tmp_path: Path) -> None:
     assert left[0] is None
     assert left[1] == pytest.approx(14.0)
     assert left[-1] == 0.0
+
+
+def test_the_time_left_is_that_of_trials_like_those_missing() -> None:
+    todo = [
+        TrialKey(1, UNLOCK, "raw"),
+        TrialKey(1, UNLOCK, "interpolation"),
+        TrialKey(1, HAMMER, "raw"),
+    ]
+    assert StudyProgress(2, todo, ()).left is None
+    there = [
+        trial("raw", wall=4.0),
+        trial("raw", seed=2, wall=6.0),
+        trial("interpolation", wall=11.0),
+    ]
+    progress = StudyProgress(2, todo, there)
+    assert (progress.resumed, progress.done, progress.wanted) == (3, 3, 6)
+    # Of hammer there is none yet: the mean of all.
+    assert progress.left == pytest.approx((5.0 + 11.0 + 7.0) / 2)
+    progress.add(trial("raw", seed=1, task=HAMMER, wall=19.0))
+    assert progress.left == pytest.approx((5.0 + 11.0) / 2)
+    progress.add(trial("raw", seed=1, wall=8.0))
+    # One trial keeps one worker busy only.
+    assert progress.left == pytest.approx(11.0)
+    progress.add(trial("interpolation", seed=1))
+    assert (progress.left, progress.done, progress.resumed) == (0.0, 6, 3)
