@@ -13,7 +13,7 @@ from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
 from common.schemas import Header, Message, Sender
 from common.topics import Delivery, Topic
-from common.wire.codec import decode, schema_tag
+from common.wire.codec import Decoder, schema_tag
 from common.wire.header import wire_header
 from common.wire.sequence import MessageOrder, SequenceTracker
 
@@ -69,6 +69,7 @@ class TopicBuffer:
         self.is_event = topic.delivery is Delivery.EVENT
         schema: type[Message] = topic.schema
         self._tag = schema_tag(schema)
+        self._decoder = Decoder(schema)
         self.queue = ArrivalQueue(is_event=self.is_event)
         if line is not None:
             self.queue.set_line(line)
@@ -192,8 +193,7 @@ class TopicBuffer:
     def _decode(self, raw: RawMessage) -> Message:
         if raw.tag == WILDCARD:
             raise SchemaError("put on a wildcard key; expected the topic's own")
-        schema: type[Message] = self.topic.schema
-        return decode(raw.payload, schema, raw.tag, raw.injected_ns)
+        return self._decoder.decode(raw.payload, raw.tag, raw.injected_ns)
 
     def _judge_sender(self, header: Header, offset: int, arrived_ns: int) -> InputOutcome:
         """Decide by age and sender whether a message may be applied."""
