@@ -6,6 +6,7 @@ raises nothing but :class:`~common.errors.SchemaError`, whatever the bytes are. 
 read-only views on the received bytes.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -103,7 +104,7 @@ def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
 
 def _packed(message: Message, fields: dict[str, Any]) -> bytes:
     try:
-        return cast(bytes, msgpack.packb(fields, default=_plain))
+        return cast(bytes, _packers.pack(fields))
     except (ValueError, TypeError, OverflowError) as error:
         raise SchemaError(
             f"{type(message).__name__} does not fit the wire: {error}; expected 64-bit integers, "
@@ -290,6 +291,16 @@ def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tobytes()
     raise TypeError(f"cannot carry {type(value).__name__}")
+
+
+class _Packers(threading.local):
+    """One packer a thread, since making one costs more than packing a message."""
+
+    def __init__(self) -> None:
+        self.pack = msgpack.Packer(default=_plain).pack
+
+
+_packers = _Packers()
 
 
 def _limited(text: str) -> str:

@@ -7,7 +7,6 @@ shows that everything around the holes has been checked before, and only what is
 checked again. That is a third of the work of reading the message as if nothing were known.
 """
 
-import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
