@@ -64,21 +64,21 @@ class Template:
         if parts[::2] != self.around:
             return None
         holes = parts[1::2]
-        split = len(self.counts)
-        counts = holes[:split]
-        if max(counts, default=0) >= _END:
-            return None
         header = dict(self.header)
-        header.update(zip(self.counts, counts, strict=True))
+        for name, count in zip(self.counts, holes, strict=False):
+            if count >= _END:
+                return None
+            header[name] = count
         if injected_ns:
             header["injected"] = injected_ns
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            views = checked_views(b"".join(holes[split:]), self.arrays)
+            views = checked_views(b"".join(holes[len(self.counts) :]), self.arrays)
         except SchemaError:
             return None
-        values.update(zip(self.arrays.specs, views, strict=True))
+        for name, view in zip(self.arrays.specs, views, strict=True):
+            values[name] = view
         return self.assemble(values)
 
 
@@ -93,7 +93,8 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     others = [value for name, value in values.items() if name not in arrays.specs]
     if not arrays.specs or not all(isinstance(value, _PLAIN) for value in others[1:]):
         return None
-    pack = msgpack.Packer().pack
+    packer = msgpack.Packer()
+    pack = packer.pack
     # Before it is received nothing has been injected.
     header = {**message.header.__dict__, "injected": 0}
     layout, around, run = ">", [], bytearray()
@@ -105,8 +106,8 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
         run.clear()
 
     counts = []
-    run += msgpack.Packer().pack_map_header(len(values)) + pack("header")
-    run += msgpack.Packer().pack_map_header(len(header))
+    run += packer.pack_map_header(len(values)) + pack("header")
+    run += packer.pack_map_header(len(header))
     for name, value in header.items():
         packed = pack(value)
         run += pack(name)
