@@ -14,7 +14,8 @@ from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
 from common.schemas import Header, Message, Sender
 from common.topics import Delivery, Topic
-from common.wire.codec import Decoder, schema_tag
+from common.wire.codec import schema_tag
+from common.wire.decoder import Decoder
 from common.wire.header import wire_header
 from common.wire.sequence import MessageOrder, SequenceTracker
 

@@ -35,11 +35,16 @@ def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message
     A schema with validators of its own is built by its own validation. The function returned
     raises :class:`pydantic.ValidationError`.
     """
-    decorators = schema.__pydantic_decorators__
-    if decorators.model_validators or decorators.field_validators:
+    if has_validators(schema):
         return schema.model_validate
     validate, assemble = _fields_validator(schema), assembler(schema)
     return lambda fields: assemble(validate(fields))
+
+
+def has_validators(schema: type[Message]) -> bool:
+    """Whether a schema has validators of its own."""
+    decorators = schema.__pydantic_decorators__
+    return bool(decorators.model_validators or decorators.field_validators)
 
 
 @cache
