@@ -11,6 +11,7 @@ from common.schemas import Header, JointCommand, Message, PlantAction, PlantRequ
 from common.wire import decoder as module
 from common.wire.codec import decode, encode, schema_tag
 from common.wire.decoder import Decoder
+from common.wire.template import template_of
 from tests.common.transport.support import examples, plant_state
 
 HEADER = Header(
@@ -69,11 +70,10 @@ def test_like_messages_are_read_by_a_template(
     assert message.gripper_closure.tolist() == [0.125, 1e300]
 
 
-@pytest.mark.usefixtures("only_templates")
-def test_the_injected_delay_is_noted() -> None:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "decode", decode)
-        decoder = primed(plant_state())
+def test_the_injected_delay_is_noted(request: pytest.FixtureRequest) -> None:
+    decoder = Decoder(PlantState)
+    assert decoder.decode(encode(plant_state(), HEADER), None, 9).header.injected == 9
+    request.getfixturevalue("only_templates")
     payload = encode(plant_state(), later())
     assert decoder.decode(payload, None, 7).header.injected == 7
     assert decoder.decode(payload).header.injected == 0
@@ -129,11 +129,10 @@ def test_messages_that_always_differ_are_not_remembered_each_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     made: list[int] = []
-    original = module.template_of
 
     def counted(payload: bytes, message: Message, arrays: Any) -> Any:
         made.append(message.header.seq)
-        return original(payload, message, arrays)
+        return template_of(payload, message, arrays)
 
     monkeypatch.setattr(module, "template_of", counted)
     decoder = Decoder(PlantState)
