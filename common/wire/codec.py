@@ -46,6 +46,7 @@ class _Plan:
         tag: of the schema.
         names: of its fields.
         prefix: first bytes of every message, up to its header.
+        head: length of the map header of everything but the header [bytes].
         arrays: its array fields.
         build: makes a message from its fields.
     """
@@ -53,6 +54,7 @@ class _Plan:
     tag: str
     names: frozenset[str]
     prefix: bytes
+    head: int
     arrays: ArrayLayout
     build: Callable[[dict[str, Any]], Message]
 
@@ -93,9 +95,8 @@ def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
         SchemaError: a value of the header does not fit the wire.
     """
     plan = _plan(type(message))
-    # The body's own map header, of one or three bytes, makes way for that of the whole.
-    rest = memoryview(body)[1 if len(plan.names) <= _FIXMAP + 1 else 3 :]
-    return b"".join((plan.prefix, _packed(message, header), rest))
+    # The body's own map header makes way for that of the whole.
+    return b"".join((plan.prefix, _packed(message, header), body[plan.head :]))
 
 
 def _packed(message: Message, fields: dict[str, Any]) -> bytes:
@@ -231,6 +232,7 @@ def _plan(schema: type[Message]) -> _Plan:
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
         prefix=_prefix(len(schema.model_fields)),
+        head=1 if len(schema.model_fields) <= _FIXMAP + 1 else 3,
         arrays=array_layout(schema),
         build=message_builder(schema),
     )
