@@ -14,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-COLLECT = "import sys; from lab.cli.main import main; sys.exit(main())"
+TASK = "door/unlock"
 
 
 def main() -> int:
@@ -23,8 +23,8 @@ def main() -> int:
     parser.add_argument("--episodes", type=int, default=6, help="successes (6)")
     episodes = parser.parse_args().episodes
     with tempfile.TemporaryDirectory() as folder:
-        words = ("collect", "door/unlock", "--episodes", str(episodes), "--jobs", "2")
-        command = [sys.executable, "-c", COLLECT, *words, "--out", str(Path(folder, "episodes"))]
+        words = ("lab.cli", "collect", TASK, "--episodes", str(episodes), "--jobs", "2")
+        command = [sys.executable, "-m", *words, "--out", str(Path(folder, "episodes"))]
         began = time.monotonic()
         subprocess.run(command, cwd=folder, stdout=subprocess.DEVNULL, check=True)
         wall = time.monotonic() - began

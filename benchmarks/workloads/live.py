@@ -20,11 +20,10 @@ from pathlib import Path
 CORES = 2
 LOOK_S = 0.5
 CONTROLLER = "services.wbc"
-DEMO = "import sys; from lab.cli.main import main; sys.exit(main())"
 
 
-def controller_of(system: int) -> Path | None:
-    """Return the folder in /proc of the oldest child of a system that runs the controller."""
+def controller_of(system: int) -> int | None:
+    """Return the process id of the oldest child of a system that runs the controller."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
@@ -32,17 +31,18 @@ def controller_of(system: int) -> Path | None:
             words = (folder / "cmdline").read_bytes().decode().split("\0")
         except OSError:  # ended meanwhile
             continue
-        if int(fields[1]) == system and CONTROLLER in words:
-            found.append((int(fields[19]), folder))
+        parent, started = int(fields[1]), int(fields[19])
+        if parent == system and CONTROLLER in words:
+            found.append((started, int(folder.name)))
     return min(found)[1] if found else None
 
 
-def memory(process: Path) -> dict[str, float]:
-    """Return RSS and PSS of a process [MB]; zeros if it has ended."""
+def memory(process: int) -> dict[str, float]:
+    """Return RSS and PSS of a process [MB]; nothing if it has ended."""
     try:
-        text = (process / "smaps_rollup").read_text()
+        text = Path(f"/proc/{process}/smaps_rollup").read_text()
     except OSError:
-        return {"rss_mb": 0.0, "pss_mb": 0.0}
+        return {}
     pairs = re.findall(r"^(Rss|Pss): +(\d+) kB", text, re.MULTILINE)
     return {f"{name.lower()}_mb": 1.024e-3 * int(size) for name, size in pairs}
 
@@ -53,15 +53,16 @@ def run(seconds: float, folder: Path) -> dict[str, float]:
     Raises:
         RuntimeError: it fails.
     """
-    words = ("demo", "--headless", "--no-pictures", "--seconds", str(seconds))
+    words = ("lab.cli", "demo", "--headless", "--no-pictures", "--seconds", str(seconds))
     most = {"rss_mb": 0.0, "pss_mb": 0.0}
     with (folder / "output.txt").open("wb") as output:
         process = subprocess.Popen(
-            [sys.executable, "-c", DEMO, *words], cwd=folder, stdout=output, stderr=output
+            [sys.executable, "-m", *words], cwd=folder, stdout=output, stderr=output
         )
         while process.poll() is None:
             if controller := controller_of(process.pid):
-                most = {name: max(most[name], size) for name, size in memory(controller).items()}
+                sizes = memory(controller)
+                most = {name: max(size, sizes.get(name, 0.0)) for name, size in most.items()}
             time.sleep(LOOK_S)
     if process.returncode:
         raise RuntimeError(f"trill demo: {(folder / 'output.txt').read_text()}")
