@@ -7,6 +7,7 @@ import argparse
 import json
 import os
 import platform
+import shutil
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from pathlib import Path
 from benchmarks.builds import OWN_ROOT, Build
 from benchmarks.comparison import GROUPS, ROWS, Result, Row, judge, table
 from benchmarks.rounds import PLACO, Comparison, check_tree
+from common.program import run_program
 from lab.progress import ProgressBar
 
 ENOUGH = 5
@@ -29,7 +31,7 @@ quiet machine. The exit code is 0 if every must is kept, 1 if not."""
 EPILOG = f"""rows: {", ".join(GROUPS)}
   time      plant and controller while walking, without cameras, one thread
   pictures  a stereo pair of each scene, software OpenGL
-  collect   the command, start-up included; half a minute to a minute a build and round
+  collect   the command, start-up included: by far the slowest row
   tick      a whole controller tick in closed loop; tail: its p99 / median
   placo     our tick / that of a controller of placo (C++) with like tasks at the same states. placo
             brings its own pinocchio, so it has an interpreter of its own:
@@ -40,7 +42,7 @@ EPILOG = f"""rows: {", ".join(GROUPS)}
 
 examples:
   git worktree add ../old v0.1.0
-  python benchmarks/compare.py ../old                       everything, about half an hour
+  python benchmarks/compare.py ../old                       everything
   python benchmarks/compare.py ../old --rows tick,tail      one thing
   python benchmarks/compare.py ../old ../old --rows time    how far two equal builds differ here
   python benchmarks/compare.py ../old --rounds 1            a quick look, no figures to quote
@@ -62,6 +64,14 @@ def _count(text: str) -> int:
     return count
 
 
+def _interpreter(text: str) -> str:
+    found = shutil.which(text)
+    if found is None:
+        raise argparse.ArgumentTypeError(f"expected an interpreter, got {text}")
+    # Where links lead is another interpreter's place, without what this one has installed.
+    return str(Path(found).absolute())
+
+
 def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=DESCRIPTION,
@@ -74,7 +84,13 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     add("--rows", type=_rows, default=ROWS, metavar="NAME,...", help="only these rows (all)")
     add("--rounds", type=_count, default=ENOUGH, metavar="N", help=f"rounds ({ENOUGH})")
     add("--json", type=Path, metavar="FILE", help="write every figure of every round to a file")
-    add("--placo-python", metavar="PATH", help="interpreter with placo (this one, if it has it)")
+    add(
+        "--placo-python",
+        type=_interpreter,
+        metavar="PATH",
+        default=sys.executable if find_spec(PLACO) else None,
+        help="interpreter that has placo (this one, if it has it); without, no row placo",
+    )
     arguments = parser.parse_args(argv)
     for tree in (arguments.old, arguments.new):
         if not (tree / "pyproject.toml").is_file():
@@ -102,16 +118,18 @@ def _record(comparison: Comparison, results: Sequence[Result], builds: Sequence[
     )
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Compare and print."""
-    arguments = _parse(argv)
+def compare(arguments: argparse.Namespace) -> int:
+    """Compare and print; returns 0 if every must is kept, else 1.
+
+    Raises:
+        ConfigError: a source tree is not what would run.
+    """
     rows, rounds = arguments.rows, arguments.rounds
     builds = Build("old", arguments.old.resolve()), Build("new", arguments.new.resolve())
-    placo = arguments.placo_python or (sys.executable if find_spec(PLACO) else None)
+    for build in builds:
+        check_tree(build)
     with tempfile.TemporaryDirectory() as folder:
-        for build in builds:
-            check_tree(build)
-        comparison = Comparison(*builds, rows, placo, Path(folder))
+        comparison = Comparison(*builds, rows, arguments.placo_python, Path(folder))
         with ProgressBar("comparing", rounds * comparison.runs) as bar:
             for _ in range(rounds):
                 comparison.add_round(bar)
@@ -122,6 +140,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         arguments.json.write_text(_record(comparison, results, builds), encoding="utf-8")
     return int(any(result.kept is False for result in results))
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Read the options and compare; returns the exit code."""
+    arguments = _parse(argv)
+    return run_program("compare.py", lambda: compare(arguments))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from benchmarks.builds import OWN_ROOT, Build
 from benchmarks.comparison import Row
+from common.errors import ConfigError, TrillError
 from lab.progress import ProgressBar
 
 SCRIPTS = OWN_ROOT / "benchmarks" / "workloads"
@@ -56,7 +57,7 @@ WORKLOADS: Mapping[str, Workload] = {
 }
 
 
-class WorkloadError(Exception):
+class WorkloadError(TrillError):
     """A workload failed on a build."""
 
 
@@ -119,7 +120,7 @@ def check_tree(build: Build) -> None:
     """Check that a build's own sources are what runs.
 
     Raises:
-        WorkloadError: they are not.
+        ConfigError: they are not.
     """
     code = "import common; print(common.__file__)"
     done = subprocess.run(
@@ -130,7 +131,7 @@ def check_tree(build: Build) -> None:
         check=False,
     )
     if not Path(done.stdout.strip()).is_relative_to(build.root):
-        raise WorkloadError(
+        raise ConfigError(
             f"expected the packages of {build.root} to be imported, got "
             f"{(done.stdout or done.stderr).strip()}"
         )

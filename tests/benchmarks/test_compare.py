@@ -10,7 +10,8 @@ import pytest
 from benchmarks import compare, rounds
 from benchmarks.builds import Build
 from benchmarks.comparison import Bound, Row
-from benchmarks.rounds import Run, Workload, WorkloadError, check_tree, results_in_turn
+from benchmarks.rounds import Run, Workload, check_tree, results_in_turn
+from common.errors import ConfigError
 
 ROW = Row("time", "speed", "toy.speed", more=True, must=Bound(1.7))
 
@@ -72,6 +73,7 @@ def test_a_workload_that_fails_is_said_and_counts_as_missed(
         (["nowhere"], "expected a source tree with a pyproject.toml"),
         ([".", "--rows", "time,speed"], "no row speed; expected some of time, pictures"),
         ([".", "--rounds", "0"], "expected 1 or more, got 0"),
+        ([".", "--placo-python", "no/python"], "expected an interpreter, got no/python"),
     ],
 )
 def test_wrong_arguments_are_refused(
@@ -86,7 +88,7 @@ def test_wrong_arguments_are_refused(
 def test_a_tree_whose_packages_are_not_imported_is_refused(tmp_path: Path) -> None:
     check_tree(Build("own", tree(tmp_path / "own", 1.0)))
     (tmp_path / "empty").mkdir()
-    with pytest.raises(WorkloadError, match="expected the packages of"):
+    with pytest.raises(ConfigError, match="expected the packages of"):
         check_tree(Build("empty", tmp_path / "empty"))
 
 
