@@ -118,7 +118,7 @@ class RawEnd:
 
 
 def echo(kind: str, port: int) -> None:
-    """Answer until killed."""
+    """Answer until killed, or until the connection ends."""
     if kind == "typed":
         typed = TypedEnd("wbc", port, PLANT_TRUTH, PLANT_STATE)
         while True:
@@ -248,6 +248,7 @@ def main() -> int:
     gc.disable()  # as the live runner does during steps
     if len(sys.argv) == 3:
         echo(sys.argv[1], int(sys.argv[2]))
+        return 0
     enter_realtime(DEFAULT_PRIORITY)
     times = measure_round_trips(int(sys.argv[1]) if len(sys.argv) == 2 else ROUNDS, 0.0)
     print(json.dumps({f"{kind}_us": 1e-3 * median(samples) for kind, samples in times.items()}))

@@ -1,6 +1,7 @@
 """Two builds run in turn, each with its own sources, and the verdict is the exit code."""
 
 import json
+import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -8,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from benchmarks import compare, rounds
-from benchmarks.builds import Build
+from benchmarks.builds import OWN_ROOT, Build
 from benchmarks.comparison import Bound, Row
-from benchmarks.rounds import Run, Workload, check_tree, results_in_turn
+from benchmarks.rounds import SCRIPTS, Run, Workload, check_tree, results_in_turn
 from common.errors import ConfigError
 
 ROW = Row("time", "speed", "toy.speed", more=True, must=Bound(1.7))
@@ -116,3 +117,15 @@ def test_processes_take_turns_one_at_a_time(
     # A signal takes a moment, so a turn may begin before the other's last millisecond is over.
     # Side by side the two would take turns every millisecond or so.
     assert 2 <= changes <= 2 + 3 * (stamps[-1][0] - stamps[0][0]) / rounds.TURN_S
+
+
+def test_round_trips_end_together_with_their_echo_processes() -> None:
+    # An echo that lived on would hold the pipe open, and the run would not end.
+    command = [sys.executable, "-P", str(SCRIPTS / "round_trips.py"), "50"]
+    environment = Build("ours", OWN_ROOT).environment
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=60.0, check=True
+    )
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert found.keys() == {"typed_us", "zenoh_us", "tcp_us"}
+    assert found["tcp_us"] < found["zenoh_us"]
