@@ -10,7 +10,8 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 
 from common.errors import SchemaError
-from common.journal.ledger import STAGES, Ledger, LedgerRow, LinkRow
+from common.journal.ledger import Ledger, LedgerRow, LinkRow
+from common.journal.stages import STAGES
 from common.journal.tables import InputOutcome
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE
