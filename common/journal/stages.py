@@ -7,7 +7,6 @@ import numpy as np
 from common.journal.tables import UNKNOWN, Table
 from common.schemas import StageTime
 
-
 STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "total")
 
 

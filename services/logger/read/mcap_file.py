@@ -10,7 +10,8 @@ goes.
 import mmap
 import os
 import re
-from collections.abc import Iterator
+import struct
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -45,6 +46,7 @@ _CHUNK_START = re.compile(
     re.DOTALL,
 )
 """How a chunk record begins: opcode, length, times, size, checksum, compression."""
+_CHUNK_TIMES = struct.Struct("<QQ")
 _COMPRESSION_OFFSET = 28
 """Of a chunk's compression name in its body."""
 _PARSED = {
@@ -135,10 +137,11 @@ class McapFile:
         if start < self.size:
             yield Span(UNREADABLE, start, start, self.size)
 
-    def records(self, span: Span) -> Iterator[McapRecord]:
+    def records(self, span: Span, skipped: Container[int] = ()) -> Iterator[McapRecord]:
         """Yield the record at ``span``, or the records in the chunk at ``span``.
 
-        Records of kinds that only serve the index are passed over.
+        Records of kinds that only serve the index are passed over, and messages of the channels
+        ``skipped``.
 
         Raises:
             DamagedLogError: the record is damaged, or the span is unreadable.
@@ -147,11 +150,12 @@ class McapFile:
             raise DamagedLogError(f"the {span.end - span.start} bytes at {span.start} are damaged")
         if span.opcode == Opcode.CHUNK:
             yield from split_records(
-                self.chunk_data(span) if span.complete else self._start_of_chunk_data(span)
+                self.chunk_data(span) if span.complete else self._start_of_chunk_data(span),
+                skipped,
             )
         elif span.opcode == Opcode.MESSAGE:
             # Outside chunks, as other writers may have it.
-            yield from split_records(self.bytes_of(span.start, span.end))
+            yield from split_records(self.bytes_of(span.start, span.end), skipped)
         elif span.opcode in _PARSED:
             try:
                 record = parse_record(self.bytes_of(span.start, span.end))
@@ -180,6 +184,13 @@ class McapFile:
                 f"{chunk.uncompressed_size})"
             )
         return data
+
+    def chunk_times(self, chunk: Span) -> tuple[int, int]:
+        """Return the earliest and the latest arrival in a chunk [ns]; zeros if it is cut off."""
+        if chunk.end - chunk.body < _CHUNK_TIMES.size:
+            return 0, 0
+        first, last = _CHUNK_TIMES.unpack_from(self._data, chunk.body)
+        return first, last
 
     def compression(self, chunk: Span) -> str:
         """Return the name of a chunk's compression; empty for none, or if it is not there."""

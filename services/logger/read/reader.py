@@ -1,10 +1,9 @@
 """Reads the messages of a log in order, also of a log whose writer was killed."""
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Container, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Metadata
@@ -24,8 +23,7 @@ from services.logger.read.time_line import TimeLine
 _TOPICS: dict[str, Topic[Any]] = {topic.name: topic for topic in ALL_TOPICS}
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedMessage:
+class RecordedMessage(NamedTuple):
     """One message of a log, still encoded as on the wire.
 
     Attributes:
@@ -66,6 +64,8 @@ class LogReader:
         origin: how the segment being read was made.
         time_line: the recording's clock, at the segment being read.
         report: the logger's own counts by key; empty if it was killed.
+        start_ns: arrival of the first message, on the recording's clock [ns]; None without any.
+        end_ns: arrival of the last message so far [ns]; that of its chunk is known from its start.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,32 +77,49 @@ class LogReader:
         self.origin: dict[str, str] = {}
         self.time_line = TimeLine()
         self.report: dict[str, DeliveryCount] = {}
+        self.start_ns: int | None = None
+        self.end_ns = 0
+        self._segment = ""
 
-    def raw_messages(self) -> Iterator[RecordedMessage]:
-        """Yield every message as it came off the wire.
+    def raw_messages(
+        self, topics: Container[Topic[Any]] | None = None
+    ) -> Iterator[RecordedMessage]:
+        """Yield the messages of ``topics`` as they came off the wire; None: all, also unknown ones.
 
         Raises:
             LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
         """
         self.truncated = False
         self.time_line = TimeLine()
+        self.start_ns, self.end_ns = None, 0
         read = False
         for path in existing_segments(self.path):
-            self.origin = {}
+            self.origin, self._segment = {}, ""
             with open_mcap(path) as file:
                 if file.size >= len(MAGIC) and not file.has_start:
                     raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes")
-                channels: dict[int, Channel] = {}
-                begun = False
-                for record in self._records(file):
+                channels: dict[int, tuple[str, Topic[Any] | None, str]] = {}
+                skipped: set[int] = set()
+                for record in self._records(file, skipped):
                     read = True
-                    if isinstance(record, Channel):
-                        channels[record.id] = record
-                    elif isinstance(record, McapMessage):
-                        if not begun:
-                            self.time_line.begin_segment(path.name, self.origin)
-                            begun = True
-                        yield _recorded(channels, record, self.time_line.place(record.log_time))
+                    if isinstance(record, McapMessage):
+                        channel = channels.get(record.channel_id)
+                        if channel is None:
+                            raise DamagedLogError(f"channel {record.channel_id} is not described")
+                        log_time = record.log_time
+                        yield RecordedMessage(
+                            *channel,
+                            record.data,
+                            log_time,
+                            self._place(path, log_time),
+                            record.publish_time,
+                            record.sequence,
+                        )
+                    elif isinstance(record, Channel):
+                        channel = _described(record)
+                        channels[record.id] = channel
+                        if topics is not None and channel[1] not in topics:
+                            skipped.add(record.id)
                     elif isinstance(record, Metadata):
                         self._note(record)
         if not read:
@@ -129,15 +146,32 @@ class LogReader:
                 continue
             yield raw.topic, message
 
-    def _records(self, file: McapFile) -> Iterator[McapRecord]:
+    def _records(self, file: McapFile, skipped: Container[int]) -> Iterator[McapRecord]:
         """Yield the records of one segment up to its end, or to where it is cut off."""
         last: Span | None = None
         for last in file.spans():
             if last.opcode == UNREADABLE and last.end == file.size:
                 break
-            yield from file.records(last)
+            if last.opcode == Opcode.CHUNK:
+                # Messages that are skipped count for the time line all the same.
+                first, end = file.chunk_times(last)
+                if end:
+                    self._place(file.path, first)
+                    self._place(file.path, end)
+            yield from file.records(last, skipped)
         if last is None or last.opcode != Opcode.FOOTER:
             self.truncated = True
+
+    def _place(self, segment: Path, log_time: int) -> int:
+        """Return an arrival on the recording's clock [ns]."""
+        if self._segment != segment.name:
+            self._segment = segment.name
+            self.time_line.begin_segment(segment.name, self.origin)
+        time_ns = self.time_line.place(log_time)
+        if self.start_ns is None:
+            self.start_ns = time_ns
+        self.end_ns = max(self.end_ns, time_ns)
+        return time_ns
 
     def _note(self, record: Metadata) -> None:
         if record.name == START_METADATA:
@@ -146,17 +180,7 @@ class LogReader:
             self.report = DeliveryStats.from_metadata(record.metadata).report()
 
 
-def _recorded(channels: dict[int, Channel], message: McapMessage, time_ns: int) -> RecordedMessage:
-    channel = channels.get(message.channel_id)
-    if channel is None:
-        raise DamagedLogError(f"channel {message.channel_id} is not described")
-    return RecordedMessage(
-        key=channel.topic,
-        topic=_TOPICS.get(channel.metadata.get("topic", "")),
-        tag=channel.metadata.get("schema_tag", ""),
-        payload=message.data,
-        log_time=message.log_time,
-        time_ns=time_ns,
-        publish_time=message.publish_time,
-        sequence=message.sequence,
-    )
+def _described(channel: Channel) -> tuple[str, Topic[Any] | None, str]:
+    """Return the key, the topic and the schema tag of a channel's messages."""
+    about = channel.metadata
+    return channel.topic, _TOPICS.get(about.get("topic", "")), about.get("schema_tag", "")
