@@ -72,7 +72,8 @@ class Spool:
         while len(self._newest) >= size:
             block = np.array(self._newest[:size]).reshape(BLOCK, self._columns)
             try:
-                self._file = self._file or tempfile.TemporaryFile(prefix="trill-")
+                if self._file is None:
+                    self._file = tempfile.TemporaryFile(prefix="trill-")  # noqa: SIM115
                 self._file.seek(self._blocks * size * block.itemsize)
                 self._file.write(block.T.tobytes())
             except OSError as error:
