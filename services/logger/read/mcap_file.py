@@ -47,6 +47,7 @@ _CHUNK_START = re.compile(
 )
 """How a chunk record begins: opcode, length, times, size, checksum, compression."""
 _CHUNK_TIMES = struct.Struct("<QQ")
+_OFFSET = struct.Struct("<Q")
 _COMPRESSION_OFFSET = 28
 """Of a chunk's compression name in its body."""
 _PARSED = {
@@ -136,6 +137,21 @@ class McapFile:
             start = resumed
         if start < self.size:
             yield Span(UNREADABLE, start, start, self.size)
+
+    def summary_spans(self) -> Iterator[Span]:
+        """Yield the records of the index at the end of a file that has its end.
+
+        Raises:
+            DamagedLogError: there is no index, or its records do not reach to the footer.
+        """
+        footer = self.size - _FOOTER_SIZE
+        (start,) = _OFFSET.unpack_from(self._data, footer + RECORD_HEAD.size)
+        if not len(MAGIC) <= start <= footer:
+            raise DamagedLogError("it has no index")
+        while start < footer:
+            span = self.span_at(start)
+            yield span
+            start = span.end
 
     def records(self, span: Span, skipped: Container[int] = ()) -> Iterator[McapRecord]:
         """Yield the record at ``span``, or the records in the chunk at ``span``.
