@@ -112,9 +112,12 @@ class McapFile:
         end = body + length
         return Span(opcode, start, body, min(end, self.size), complete=end <= self.size)
 
-    def spans(self) -> Iterator[Span]:
-        """Yield the records up to the footer in order, with the unreadable bytes between them."""
-        start, released = len(MAGIC), 0
+    def spans(self, start: int = 0) -> Iterator[Span]:
+        """Yield the records up to the footer in order, with the unreadable bytes between them.
+
+        With ``start`` they begin with the record at that offset.
+        """
+        start, released = max(start, len(MAGIC)), start
         if not self.has_start:
             start = self._next_chunk(0)
             if start:

@@ -16,6 +16,7 @@ from common.wire.codec import decode
 from services.logger.errors import DamagedLogError, LoggerError
 from services.logger.log_format import DELIVERY_METADATA, START_METADATA
 from services.logger.read.delivery import DeliveryCount, DeliveryStats
+from services.logger.read.index import LogIndex, read_index
 from services.logger.read.mcap_file import MAGIC, UNREADABLE, McapFile, Span, open_mcap
 from services.logger.read.segments import existing_segments
 from services.logger.read.time_line import TimeLine
@@ -82,9 +83,14 @@ class LogReader:
         self._segment = ""
 
     def raw_messages(
-        self, topics: Container[Topic[Any]] | None = None
+        self, topics: Container[Topic[Any]] | None = None, since_ns: int = 0
     ) -> Iterator[RecordedMessage]:
-        """Yield the messages of ``topics`` as they came off the wire; None: all, also unknown ones.
+        """Yield messages as they came off the wire.
+
+        Args:
+            topics: of these only; None: of all, also unknown ones.
+            since_ns: without the chunks before that with this arrival, on the recording's clock
+                [ns].
 
         Raises:
             LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
@@ -100,7 +106,13 @@ class LogReader:
                     raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes")
                 channels: dict[int, tuple[str, Topic[Any] | None, str]] = {}
                 skipped: set[int] = set()
-                for record in self._records(file, skipped):
+                start = 0
+                if since_ns > 0:
+                    index = read_index(path)
+                    start = self._chunk_at(index, since_ns)
+                    channels = {number: _described(one) for number, one in index.channels.items()}
+                    read = True
+                for record in self._records(file, skipped, start):
                     read = True
                     if isinstance(record, McapMessage):
                         channel = channels.get(record.channel_id)
@@ -146,10 +158,19 @@ class LogReader:
                 continue
             yield raw.topic, message
 
-    def _records(self, file: McapFile, skipped: Container[int]) -> Iterator[McapRecord]:
+    def _chunk_at(self, index: LogIndex, since_ns: int) -> int:
+        """Return the offset of the first chunk of a segment that is of interest."""
+        self.origin = next(iter(index.metadata_named(START_METADATA)), {})
+        for place in index.places:
+            self._place(index.path, place.start_ns)
+            if self._place(index.path, place.end_ns) >= since_ns:
+                return place.offset
+        return index.size
+
+    def _records(self, file: McapFile, skipped: Container[int], start: int) -> Iterator[McapRecord]:
         """Yield the records of one segment up to its end, or to where it is cut off."""
         last: Span | None = None
-        for last in file.spans():
+        for last in file.spans(start):
             if last.opcode == UNREADABLE and last.end == file.size:
                 break
             if last.opcode == Opcode.CHUNK:
@@ -159,7 +180,7 @@ class LogReader:
                     self._place(file.path, first)
                     self._place(file.path, end)
             yield from file.records(last, skipped)
-        if last is None or last.opcode != Opcode.FOOTER:
+        if start < file.size and (last is None or last.opcode != Opcode.FOOTER):
             self.truncated = True
 
     def _place(self, segment: Path, log_time: int) -> int:
