@@ -94,6 +94,7 @@ class LogIndex:
             for place in self.places:
                 if ids.isdisjoint(place.channels):
                     continue
+                file.release(place.offset)
                 for span in _spans_of(file, place):
                     for record in file.records(span):
                         if isinstance(record, McapMessage) and record.channel_id in ids:

@@ -83,6 +83,7 @@ class McapFile:
         self.path = path
         self.size = len(data)
         self._data = data
+        self._released = 0
 
     @property
     def has_start(self) -> bool:
@@ -117,15 +118,14 @@ class McapFile:
 
         With ``start`` they begin with the record at that offset.
         """
-        start, released = max(start, len(MAGIC)), start
+        start = max(start, len(MAGIC))
         if not self.has_start:
             start = self._next_chunk(0)
             if start:
                 yield Span(UNREADABLE, 0, 0, start)
         while start + RECORD_HEAD.size <= self.size:
             span = self.span_at(start)
-            if start >= released + _WINDOW:
-                released = self._release(released, start)
+            self.release(start)
             if self._is_record(span):
                 yield span
                 if span.opcode == Opcode.FOOTER:
@@ -218,15 +218,16 @@ class McapFile:
         length = int.from_bytes(name[:4], "little")
         return name[4 : 4 + length].decode(errors="replace")
 
-    def _release(self, start: int, end: int) -> int:
-        """Give back the memory of whole windows before ``end``; return up to where.
+    def release(self, end: int) -> None:
+        """Give back the memory of whole windows before ``end``, since the last time or the start.
 
         Otherwise all of a large file would seem to be in this process's memory in the end.
         """
+        start = self._released if end >= self._released else 0
         end -= end % _WINDOW
-        if isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        if end > start and isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             self._data.madvise(mmap.MADV_DONTNEED, start, end - start)
-        return end
+        self._released = end
 
     def _start_of_chunk_data(self, span: Span) -> bytes:
         """Return as much as can be decompressed of a chunk whose end is missing."""

@@ -22,6 +22,8 @@ from services.logger.read.segments import existing_segments
 from services.logger.read.time_line import TimeLine
 
 _TOPICS: dict[str, Topic[Any]] = {topic.name: topic for topic in ALL_TOPICS}
+_Channel = tuple[str, Topic[Any] | None, str]
+"""Key, topic and schema tag of a channel's messages."""
 
 
 class RecordedMessage(NamedTuple):
@@ -104,14 +106,17 @@ class LogReader:
             with open_mcap(path) as file:
                 if file.size >= len(MAGIC) and not file.has_start:
                     raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes")
-                channels: dict[int, tuple[str, Topic[Any] | None, str]] = {}
+                channels: dict[int, _Channel] = {}
                 skipped: set[int] = set()
-                start = 0
+                start: int | None = 0
                 if since_ns > 0:
+                    read = True
                     index = read_index(path)
                     start = self._chunk_at(index, since_ns)
                     channels = {number: _described(one) for number, one in index.channels.items()}
-                    read = True
+                    skipped |= {n for n, one in channels.items() if not _is_wanted(one, topics)}
+                if start is None:
+                    continue
                 for record in self._records(file, skipped, start):
                     read = True
                     if isinstance(record, McapMessage):
@@ -128,9 +133,8 @@ class LogReader:
                             record.sequence,
                         )
                     elif isinstance(record, Channel):
-                        channel = _described(record)
-                        channels[record.id] = channel
-                        if topics is not None and channel[1] not in topics:
+                        channels[record.id] = channel = _described(record)
+                        if not _is_wanted(channel, topics):
                             skipped.add(record.id)
                     elif isinstance(record, Metadata):
                         self._note(record)
@@ -158,14 +162,14 @@ class LogReader:
                 continue
             yield raw.topic, message
 
-    def _chunk_at(self, index: LogIndex, since_ns: int) -> int:
-        """Return the offset of the first chunk of a segment that is of interest."""
+    def _chunk_at(self, index: LogIndex, since_ns: int) -> int | None:
+        """Return the offset of a segment's first chunk that ends after ``since_ns``, if any."""
         self.origin = next(iter(index.metadata_named(START_METADATA)), {})
         for place in index.places:
             self._place(index.path, place.start_ns)
             if self._place(index.path, place.end_ns) >= since_ns:
                 return place.offset
-        return index.size
+        return None
 
     def _records(self, file: McapFile, skipped: Container[int], start: int) -> Iterator[McapRecord]:
         """Yield the records of one segment up to its end, or to where it is cut off."""
@@ -180,7 +184,7 @@ class LogReader:
                     self._place(file.path, first)
                     self._place(file.path, end)
             yield from file.records(last, skipped)
-        if start < file.size and (last is None or last.opcode != Opcode.FOOTER):
+        if last is None or last.opcode != Opcode.FOOTER:
             self.truncated = True
 
     def _place(self, segment: Path, log_time: int) -> int:
@@ -201,7 +205,11 @@ class LogReader:
             self.report = DeliveryStats.from_metadata(record.metadata).report()
 
 
-def _described(channel: Channel) -> tuple[str, Topic[Any] | None, str]:
+def _described(channel: Channel) -> _Channel:
     """Return the key, the topic and the schema tag of a channel's messages."""
     about = channel.metadata
     return channel.topic, _TOPICS.get(about.get("topic", "")), about.get("schema_tag", "")
+
+
+def _is_wanted(channel: _Channel, topics: Container[Topic[Any]] | None) -> bool:
+    return topics is None or channel[1] in topics
