@@ -90,6 +90,9 @@ class ClearanceModel:
         # Distances when last measured, and the joints' positions then.
         self._measured = np.zeros(len(PAIRS))
         self._position = np.zeros((len(PAIRS), model.nv - 6))
+        # No pair comes within reach before the joints have turned so far from these positions.
+        self._longest_levers = self._levers.max(axis=0)
+        self._checked, self._far = np.zeros(model.nv - 6), -1.0
 
     def _index(self, part: str) -> int:
         name = part + COLLISION_SUFFIX
@@ -149,9 +152,13 @@ class ClearanceModel:
 
         To measure them all takes longer than all other terms of the model.
         """
+        if self._longest_levers.dot(np.abs(position - self._checked)) < self._far:
+            return []
         turned = np.abs(position - self._position)
         approach = (turned * self._levers).sum(axis=1)
-        perhaps = np.flatnonzero(self._measured - approach < self._reach)
+        distance = self._measured - approach - self._reach
+        self._checked, self._far = position, float(distance.min())
+        perhaps = np.flatnonzero(distance < 0.0)
         self._position[perhaps] = position
         indices: list[int] = perhaps.tolist()
         return indices

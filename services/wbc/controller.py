@@ -11,6 +11,7 @@ from common.robot import joints
 from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.active_set import ActiveSet
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
 from services.wbc.handover import HandOver, Target
@@ -91,7 +92,7 @@ class Controller:
         self.config = config
         self.model = RobotModel()
         self.builder = QpBuilder(config)
-        self.solver = make_solver(config.solver)
+        self.solver = ActiveSet(make_solver(config.solver))
         self.stack = TaskStack()
         self.unsolved = 0
         tasks = config.tasks
