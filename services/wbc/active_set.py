@@ -11,12 +11,14 @@ from typing import NamedTuple
 
 import eigenpy
 import numpy as np
+from numpy.typing import NDArray
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.qp import BOUNDS, CONES, INFINITY, NORMAL, NUM_VARIABLES, TORQUE, QpData
 from services.wbc.robot_model import NV
 from services.wbc.solvers import EQUALITIES, SLACK_WEIGHT, Solution, Solver
 
+Indices = NDArray[np.intp]
 GUESSES = 6
 """Largest number of guesses for one QP; a solver takes as long as two or three of them."""
 TOLERANCE = 1e-7
@@ -43,9 +45,9 @@ class _Guess(NamedTuple):
         soft: (m,) indices into B.
     """
 
-    rows: Array
+    rows: Indices
     sides: Array
-    soft: Array
+    soft: Indices
 
     def bounds(self, data: QpData) -> Array:
         """Return the bounds (k,) that bind."""
@@ -54,12 +56,11 @@ class _Guess(NamedTuple):
     def still_there(self, data: QpData) -> "_Guess":
         """Return the guess without the rows that are gone or no longer bounded."""
         bounded = np.abs(self.bounds(data)) < INFINITY
-        return _Guess(
-            self.rows[bounded], self.sides[bounded], self.soft[self.soft < len(data.b)]
-        )
+        return _Guess(self.rows[bounded], self.sides[bounded], self.soft[self.soft < len(data.b)])
 
 
-_NOTHING = _Guess(np.arange(0), np.zeros(0), np.arange(0))
+_NO_ROWS = np.zeros(0, dtype=np.intp)
+_NOTHING = _Guess(_NO_ROWS, np.zeros(0), _NO_ROWS)
 """No inequality binds: the common case, in which most of the work can be left out."""
 
 

@@ -51,7 +51,9 @@ class _Segment:
             )
         )
         value, rate, acceleration = powers.dot(self._coefficients)
-        value = value + rate * max(0.0, time - self.start - self.duration)
+        beyond = time - self.start - self.duration
+        if beyond > 0.0:
+            value += rate * beyond
         return value, rate, acceleration
 
 
