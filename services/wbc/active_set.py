@@ -2,9 +2,9 @@
 
 With the binding rows known, the QP's optimality conditions are linear equations. At most ticks the
 guess is right at once (mostly no inequality binds at all). Otherwise rows that are violated are
-added to it and rows that only hold back are dropped, a few times: a primal-dual active-set method
-(Hintermüller, Ito, Kunisch 2002). It need not converge, but where it does the solution is exact:
-every row holds and every multiplier has the right sign. Where it does not, a QP solver is asked.
+added to it and rows that only hold back are dropped, which is a step of a primal-dual active-set
+method (Hintermüller, Ito, Kunisch 2002). A solution found so is exact: every row holds and every
+multiplier has the right sign. Where none is found, a QP solver is asked.
 """
 
 from typing import NamedTuple
@@ -19,12 +19,14 @@ from services.wbc.robot_model import NV
 from services.wbc.solvers import EQUALITIES, SLACK_WEIGHT, Solution, Solver
 
 Indices = NDArray[np.intp]
-GUESSES = 6
-"""Largest number of guesses for one QP; a solver takes as long as two or three of them."""
+GUESSES = 2
+"""Largest number of guesses for one QP; more of them take longer than a solver."""
 TOLERANCE = 1e-7
 """Violation up to which a row holds, and multiplier up to which its sign does not matter."""
 FIRST = NUM_VARIABLES + EQUALITIES
 """Place of the first inequality's multiplier among the unknowns."""
+MET = 1e-5
+"""Distance from its bound at which a row of a solver's solution is taken to bind."""
 _RIGHT_CONE = (CONES.start + CONES.stop) // 2
 GROUPS = (
     TORQUE,
@@ -93,12 +95,14 @@ class ActiveSet:
             x, multipliers = self._optimum(data, guess)
             better = _corrected(data, guess, x, multipliers)
             if better is guess:
-                self._guess = guess
-                return Solution(x, True, f"{len(guess.rows) + len(guess.soft)} rows bind")
+                count = len(guess.rows) + len(guess.soft)
+                self._guess = guess if count else _NOTHING
+                return Solution(x, True, f"{count} rows bind")
             guess = better
-        self._guess = _NOTHING
         self.asked += 1
-        return self._inner.solve(data)
+        solution = self._inner.solve(data)
+        self._guess = _met(data, solution.x) if solution.solved else _NOTHING
+        return solution
 
     def _optimum(self, data: QpData, guess: _Guess) -> tuple[Array, Array]:
         """Return minimiser (43,) and multipliers (k + m,) if just the rows of a guess bind.
@@ -126,6 +130,16 @@ class ActiveSet:
         # Eigen's LU is as exact as LAPACK's and, with cold caches, takes half as long.
         solution = eigenpy.PartialPivLU(matrix[:size, :size]).solve(right[:size])
         return solution[:n], solution[FIRST:]
+
+
+def _met(data: QpData, x: Array) -> _Guess:
+    """Return the rows that a solver's solution meets with equality."""
+    values = data.A.dot(x)
+    below, above = (np.abs(values - bound) < MET for bound in (data.l, data.u))
+    below[:EQUALITIES] = above[:EQUALITIES] = False
+    rows = np.flatnonzero(below | above)
+    soft = np.flatnonzero(data.b - data.B.dot(x[:NV]) > TOLERANCE)
+    return _Guess(rows, np.where(above[rows], 1.0, -1.0), soft)
 
 
 def _corrected(data: QpData, guess: _Guess, x: Array, multipliers: Array) -> _Guess:

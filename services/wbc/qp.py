@@ -124,7 +124,8 @@ class QpBuilder:
         data.u[BOUNDS] = self._config.limits.acceleration_max
         diagonal = np.arange(NV, NUM_VARIABLES)
         data.P[diagonal, diagonal] = tasks.force_regulariser + tasks.force_reference_weight
-        self._regulariser = tasks.acceleration_regulariser * np.eye(NV)
+        self._regulariser = tasks.acceleration_regulariser
+        self._diagonal = data.P.ravel()[: NV * NUM_VARIABLES : NUM_VARIABLES + 1]
 
     def build(
         self,
@@ -142,9 +143,8 @@ class QpBuilder:
             normal_force_desired: f_r^d of eq. 1, normal components [N].
         """
         data = self.data
-        hessian, gradient = stack.quadratic()
-        np.add(hessian, self._regulariser, out=data.P[:NV, :NV])
-        data.q[:NV] = gradient
+        data.P[:NV, :NV], data.q[:NV] = stack.quadratic()
+        self._diagonal += self._regulariser
         weight = self._config.tasks.force_reference_weight
         data.A[DYNAMICS, :NV] = dynamics.mass_matrix
         for side, columns in enumerate(FORCES):

@@ -88,7 +88,7 @@ RHO = 1e-5
 """First step size of OSQP."""
 FORCE_SCALE = 100.0
 """Unit of the reaction forces inside OSQP [N]."""
-_OSQP, _SPARSE = "osqp.ext_builtin", "scipy.sparse"
+_OSQP, _SCIPY = "osqp.ext_builtin", ("scipy", "scipy.sparse")
 
 
 def _osqp() -> Any:
@@ -246,14 +246,15 @@ def _csc(osqp: Any, mask: Array, values: Array) -> Any:
         indptr=pointers.astype(np.int32),
         nnz=len(values),
     )
-    known = sys.modules.get(_SPARSE)
-    sys.modules[_SPARSE] = cast(ModuleType, SimpleNamespace(isspmatrix_csc=lambda _: True))
+    known = {name: sys.modules.pop(name) for name in _SCIPY if name in sys.modules}
+    substitute = cast(ModuleType, SimpleNamespace(isspmatrix_csc=lambda _: True))
+    sys.modules.update(dict.fromkeys(_SCIPY, substitute))
     try:
         return osqp.CSC(parts)
     finally:
-        del sys.modules[_SPARSE]
-        if known is not None:
-            sys.modules[_SPARSE] = known
+        for name in _SCIPY:
+            del sys.modules[name]
+        sys.modules.update(known)
 
 
 _EQUALITY, _SOFT = 5, 8
