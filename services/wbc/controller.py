@@ -120,12 +120,17 @@ class Controller:
         return self._gripper is not None
 
     @property
+    def grippers(self) -> Array:
+        """(2,) left and right closure that the grippers are sent."""
+        assert self._gripper is not None
+        return self._gripper
+
+    @property
     def target(self) -> Target:
         """What hands, grippers and neck follow; from the first tick on, at first as measured."""
-        assert self._gripper is not None
         positions, rotations = zip(*(hand.target for hand in self.hands), strict=True)
         neck = float(self._posture_target[-1])
-        return Target(np.array(positions), np.array(rotations), self._gripper, neck)
+        return Target(np.array(positions), np.array(rotations), self.grippers, neck)
 
     def request(self, request_id: int, gait: Gait) -> None:
         """Request a gait; ``locomotion.answers()`` will hold the answer."""
