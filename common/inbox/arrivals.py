@@ -63,6 +63,12 @@ class ArrivalQueue:
         """When the next message held by the delay line falls due [ns]."""
         return NEVER if self.line is None else self.line.next_due_ns
 
+    @property
+    def next_release_ns(self) -> int:
+        """No payload that has been put falls due before this time [ns]."""
+        first = self._ready or self._arrived
+        return min(first[0].arrival_ns if first else NEVER, self.next_due_ns)
+
     def put(self, payload: bytes, arrival_ns: int, tag: str | None) -> None:
         """Append a payload, dropping the oldest when too many wait (any one thread)."""
         arrived = self._arrived

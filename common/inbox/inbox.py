@@ -131,6 +131,17 @@ class Inbox:
             buffer.show(message, arrival_ns)
             self._updated.append(buffer)
 
+    def next_release_ns(self) -> int | None:
+        """Return the time before which no step would be shown anything new [ns].
+
+        It is that of the next message to fall due, or the arrival of one that no step has taken in
+        or passed to its link yet. None: nothing waits.
+        """
+        if not (self._arrived or self._linked):
+            return None
+        due_ns = min(buffer.queue.next_release_ns for buffer in self._all)
+        return None if due_ns == NEVER else due_ns
+
     def latest(self, topic: Topic[M]) -> M | None:
         """Last good message of a latest-value topic; None before the first."""
         return cast("M | None", self._buffer(topic).value)
