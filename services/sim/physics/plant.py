@@ -34,6 +34,8 @@ FALLEN_HEIGHT = 0.5
 FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
 """Cosine of the torso's tilt below which the robot has fallen."""
 
+_PER_JOINT = 1.0 / MOTOR_TO_JOINT.sum(axis=0)
+"""(25,) makes the mean over a motor's joints of their sum."""
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
 _LOG = logging.getLogger(__name__)
@@ -81,12 +83,10 @@ class Plant:
             self.model, self.addresses, self.config.standing_com_height, self.config.stance_width
         )
         self._standing_torque = standing_torque(self.model, self.addresses, self._standing)
-        self._to_position = np.zeros((NUM_MOTORS, self.model.nq))
-        self._to_position[:, self.addresses.qpos] = JOINT_TO_MOTOR
-        self._to_velocity = np.zeros((NUM_MOTORS, self.model.nv))
-        self._to_velocity[:, self.addresses.qvel] = JOINT_TO_MOTOR
         # Views of MuJoCo's memory, which it never moves.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._motor_length = self.data.actuator_length[:NUM_MOTORS]
+        self._motor_velocity = self.data.actuator_velocity[:NUM_MOTORS]
         self._motor_torque = self.data.ctrl[:NUM_MOTORS]
         self._torso_rotation = self.data.xmat[self.addresses.torso]
         self._noiseless = self.config.noise == NoiseConfig()
@@ -173,30 +173,56 @@ class Plant:
         self._push_until_ns = self.now_ns + round(duration * 1e9)
 
     def step(self) -> None:
-        """Advance by one physics step.
+        """Advance by one physics step; see :meth:`advance`."""
+        self.advance(1)
+
+    def advance(self, steps: int) -> None:
+        """Advance by physics steps, at most to the one that changes guard mode or trial.
+
+        Args:
+            steps: most physics steps, at least one; :attr:`steps` tells how many it were.
 
         Raises:
             PlantDivergedError: the physics of robot or scene diverged; only :meth:`reset` helps.
         """
+        before = self.guard.mode
+        for _ in range(steps):
+            self._decide()
+            self._move()
+            judged = self._judge()
+            if judged or self.guard.mode is not before:
+                return
+
+    def _decide(self) -> None:
+        """Let the guard decide what the motors do in the next physics step."""
         self.fallen = self.fallen or self._is_down()
         mode = self.guard.tick(self.now_ns, self.fallen)
         if mode is not self._mode:
             self._enter(mode)
         if self._hold is not None:
             self._follow(self._hold)
-        servo = self.servo
-        self._to_position.dot(self._qpos, out=servo.position)
-        self._to_velocity.dot(self._qvel, out=servo.velocity)
+
+    def _move(self) -> None:
+        """Advance the physics by one step."""
+        model, data, servo = self.model, self.data, self.servo
+        # It also computes lengths and velocities of the actuators, which for a motor are sums.
+        mujoco.mj_step1(model, data)
+        np.multiply(self._motor_length, _PER_JOINT, out=servo.position)
+        np.multiply(self._motor_velocity, _PER_JOINT, out=servo.velocity)
         servo.torque(self._target, self.now_ns, self._motor_torque)
-        mujoco.mj_step(self.model, self.data)
+        mujoco.mj_step2(model, data)
         self.steps += 1
         self.now_ns += PHYSICS_STEP_NS
-        check_state(self.model, self._qpos, self._qvel)
+        check_state(model, self._qpos, self._qvel)
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
-            self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
-        if self.trial is not None and self._trial_from is not None:
-            self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
+            data.xfrc_applied[self.addresses.torso, :3] = 0.0
+
+    def _judge(self) -> bool:
+        """Let the trial see the last physics step; return whether that has changed it."""
+        if self.trial is None or self._trial_from is None:
+            return False
+        return self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
 
     def _is_down(self) -> bool:
         return (
