@@ -71,20 +71,21 @@ class FollowedSender:
         self._silence_ns = silence_ns
         self._heard_ns = 0
 
-    def takes(self, sender: Sender, arrived_ns: int, *, old: bool = False) -> bool:
+    def takes(self, header: Header, arrived_ns: int, *, old: bool = False) -> bool:
         """Return whether a message is that of the sender followed.
 
         The first sender heard is followed, and after its silence the next one.
 
         Args:
-            sender: of the message.
+            header: of the message.
             arrived_ns: when it arrived, injected delay left out: a link's jitter is no silence.
             old: it was too old on arrival, so nobody is followed because of it.
         """
-        if sender != self.sender:
-            silent = self.sender is None or arrived_ns - self._heard_ns > self._silence_ns
+        followed = self.sender
+        if followed is None or header.boot != followed.boot or header.source != followed.source:
+            silent = followed is None or arrived_ns - self._heard_ns > self._silence_ns
             if old or not silent:
                 return False
-            self.sender = sender
+            self.sender = header.sender
         self._heard_ns = max(self._heard_ns, arrived_ns)
         return True

@@ -78,7 +78,9 @@ class Inbox:
         self._linked = self._with_line()
         self._trigger = self._buffers[trigger.name] if trigger is not None else None
         self._trigger_seen_ns = -1
-        self._wake = threading.Event()
+        self._asleep = threading.Lock()
+        """Held until something wakes :meth:`wait`; an event takes several times as long."""
+        self._asleep.acquire()
         self._updated: list[TopicBuffer] = []
         self._arrived = False
         self._now = 0
@@ -98,7 +100,7 @@ class Inbox:
         buffer.queue.put(payload, arrival_ns, tag)
         self._arrived = True
         if buffer is self._trigger:
-            self._wake.set()
+            self.wake()
 
     def begin_step(self, now_ns: int) -> None:
         """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
@@ -115,7 +117,7 @@ class Inbox:
             # Cleared before looking: what arrives meanwhile sets it again for the next step.
             self._arrived = False
             for buffer in self._all:
-                if buffer.queue and buffer.take_in():
+                if buffer.queue.ready and buffer.take_in():
                     self._updated.append(buffer)
 
     def begin_replayed_step(self, now_ns: int, inputs: Iterable[tuple[str, Message, int]]) -> None:
@@ -229,16 +231,23 @@ class Inbox:
         return {name: line.stats() for name, line in lines if line is not None}
 
     def wait(self, timeout_s: float) -> bool:
-        """Sleep until a payload of the trigger topic arrives; False if time ran out."""
-        return self._wake.wait(timeout_s)
+        """Sleep until a payload of the trigger topic arrives; False if time ran out.
+
+        One that arrived since the last call, or since :meth:`trigger_arrival`, counts.
+        """
+        return self._asleep.acquire(timeout=max(0.0, timeout_s))
 
     def wake(self) -> None:
         """End a :meth:`wait` now, from any thread."""
-        self._wake.set()
+        if self._asleep.locked():
+            try:
+                self._asleep.release()
+            except RuntimeError:  # another thread was faster
+                return
 
     def trigger_arrival(self, now_ns: int) -> int | None:
         """When the trigger topic last arrived or fell due, if since the last call; else None."""
-        self._wake.clear()
+        self._asleep.acquire(blocking=False)
         buffer = self._trigger
         if buffer is None:
             return None

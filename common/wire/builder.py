@@ -6,13 +6,16 @@ dictionary, and the model is made from the result.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Any, cast
+from functools import cache
+from typing import Annotated, Any, TypeVar, cast
 
-from pydantic import TypeAdapter
+from pydantic import BaseModel, TypeAdapter
 from typing_extensions import TypedDict
 
 from common.schemas import Message
 from common.wire.schema import array_spec
+
+B = TypeVar("B", bound=BaseModel)
 
 
 def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message]:
@@ -24,21 +27,26 @@ def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message
     decorators = schema.__pydantic_decorators__
     if decorators.model_validators or decorators.field_validators:
         return schema.model_validate
-    validate = _fields_validator(schema)
+    validate, assemble = _fields_validator(schema), assembler(schema)
+    return lambda fields: assemble(validate(fields))
+
+
+@cache
+def assembler(model: type[B]) -> Callable[[dict[str, Any]], B]:
+    """Return a function that makes a ``model`` of the checked values of all its fields."""
     # Messages are frozen, so they can share it.
-    fields_set = set(schema.model_fields)
+    fields_set = set(model.model_fields)
     assign = object.__setattr__
 
-    def build(fields: dict[str, Any]) -> Message:
-        values = validate(fields)
-        message = schema.__new__(schema)
-        assign(message, "__dict__", values)
-        assign(message, "__pydantic_fields_set__", fields_set)
-        assign(message, "__pydantic_extra__", None)
-        assign(message, "__pydantic_private__", None)
-        return message
+    def assemble(values: dict[str, Any]) -> B:
+        made = model.__new__(model)
+        assign(made, "__dict__", values)
+        assign(made, "__pydantic_fields_set__", fields_set)
+        assign(made, "__pydantic_extra__", None)
+        assign(made, "__pydantic_private__", None)
+        return made
 
-    return build
+    return assemble
 
 
 def _fields_validator(schema: type[Message]) -> Callable[[dict[str, Any]], dict[str, Any]]:

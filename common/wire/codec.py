@@ -6,10 +6,11 @@ raises nothing but :class:`~common.errors.SchemaError`, whatever the bytes are. 
 read-only views on the received bytes.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, TypeVar, cast
 
 import msgpack
 import numpy as np
@@ -21,8 +22,9 @@ from common.wire.arrays import ArrayLayout, array_layout, view_arrays
 from common.wire.builder import message_builder
 from common.wire.compatibility import Compatibility, adapt, compatibility
 from common.wire.schema import describe_array, schema_hash, schema_tag
+from common.wire.template import Template, template_of
 
-__all__ = ["MAX_PAYLOAD", "decode", "encode", "schema_hash", "schema_tag"]
+__all__ = ["MAX_PAYLOAD", "Decoder", "decode", "encode", "schema_hash", "schema_tag"]
 
 M = TypeVar("M", bound=Message)
 
@@ -33,6 +35,9 @@ MAX_PAYLOAD = 64 * 1024 * 1024
 _MAX_ITEMS = 128
 _FIXMAP = 15
 """Most fields whose number takes one byte."""
+_FIRST_COUNT = 128
+"""Sequence numbers below it have no place of their own in a message's bytes."""
+_MAX_TEMPLATES = 8
 _MAX_ERROR = 380
 _MAX_NAME = 40
 
@@ -99,7 +104,7 @@ def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
 
 def _packed(message: Message, fields: dict[str, Any]) -> bytes:
     try:
-        return cast(bytes, msgpack.packb(fields, default=_plain))
+        return cast(bytes, _packers.pack(fields))
     except (ValueError, TypeError, OverflowError) as error:
         raise SchemaError(
             f"{type(message).__name__} does not fit the wire: {error}; expected 64-bit integers, "
@@ -139,6 +144,44 @@ def decode(payload: bytes, schema: type[M], tag: str | None = None, injected_ns:
             for item in error.errors(include_url=False, include_input=False, include_context=False)
         )
         raise SchemaError(_limited(f"{schema.__name__}: {'; '.join(texts)}")) from error
+
+
+class Decoder(Generic[M]):
+    """Decodes the messages of one input as :func:`decode` does, and faster if they are alike.
+
+    It remembers a few good messages as templates, see :mod:`common.wire.template`. Where each
+    message differs in more than such a template allows, new ones are made less and less often.
+    """
+
+    def __init__(self, schema: type[M]) -> None:
+        """Start without templates for messages of type ``schema``."""
+        self._schema, self._plan = schema, _plan(schema)
+        self._templates: dict[int, Template] = {}
+        """By the size of their messages."""
+        self._misses = 0
+        """Messages since the last one that was like a template."""
+
+    def decode(self, payload: bytes, tag: str | None = None, injected_ns: int = 0) -> M:
+        """Return the message in ``payload``; arguments and errors are those of :func:`decode`."""
+        own = tag is None or tag == self._plan.tag
+        if own and (template := self._templates.get(len(payload))) is not None:
+            like = template.read(payload, injected_ns)
+            if like is not None:
+                self._misses = 0
+                return cast(M, like)
+        message = decode(payload, self._schema, tag, injected_ns)
+        if own and message.header.seq >= _FIRST_COUNT:
+            self._misses += 1
+            if self._misses & (self._misses - 1) == 0:
+                self._remember(payload, message)
+        return message
+
+    def _remember(self, payload: bytes, message: M) -> None:
+        template = template_of(payload, message, self._plan.arrays)
+        if template is not None:
+            if len(self._templates) >= _MAX_TEMPLATES:
+                self._templates.clear()
+            self._templates[len(payload)] = template
 
 
 def _unpack(payload: bytes, schema: type[Message]) -> dict[str, Any]:
@@ -248,6 +291,16 @@ def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tobytes()
     raise TypeError(f"cannot carry {type(value).__name__}")
+
+
+class _Packers(threading.local):
+    """One packer a thread, since making one costs more than packing a message."""
+
+    def __init__(self) -> None:
+        self.pack = msgpack.Packer(default=_plain).pack
+
+
+_packers = _Packers()
 
 
 def _limited(text: str) -> str:
