@@ -164,7 +164,7 @@ class Addresses:
         grippers: (2,) gripper actuators in ``data.ctrl``; left, right.
         torso: body id.
         floor: geom id.
-        feet: (2,) geom ids; left, right.
+        feet: geom ids; left, right.
         scene: index in ``data.qpos`` of the first of the scene's joints, which come last.
     """
 
@@ -174,7 +174,7 @@ class Addresses:
     grippers: NDArray[np.intp]
     torso: int
     floor: int
-    feet: NDArray[np.intp]
+    feet: tuple[int, int]
     scene: int
 
 
@@ -200,7 +200,7 @@ def find_addresses(model: Any) -> Addresses:
         grippers=np.array([model.actuator(GRIPPER_ACTUATORS[side]).id for side in sides]),
         torso=model.body(BODY_FRAME).id,
         floor=model.geom(FLOOR_GEOM).id,
-        feet=np.array([model.geom(FOOT_GEOMS[side]).id for side in sides]),
+        feet=(model.geom(FOOT_GEOMS["left"]).id, model.geom(FOOT_GEOMS["right"]).id),
         scene=1 + max(int(model.joint(n).qposadr[0]) for n in (*JOINT_NAMES, *_FINGERS)),
     )
 

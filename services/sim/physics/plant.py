@@ -15,6 +15,7 @@ from common.plant.stop import StopRecord
 from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
 from common.schemas.arrays import Float64Array as Array
+from common.wire.builder import assembler
 from services.sim.config import NoiseConfig, SimConfig
 from services.sim.errors import TaskError
 from services.sim.model.contacts import GeomContact, foot_normal_forces, geom_contacts
@@ -36,9 +37,12 @@ FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
 
 _PER_JOINT = 1.0 / MOTOR_TO_JOINT.sum(axis=0)
 """(25,) makes the mean over a motor's joints of their sum."""
+_MOTOR_OF_JOINT = MOTOR_TO_JOINT.argmax(axis=1)
+"""(27,) index of the motor that turns each joint."""
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
 _LOG = logging.getLogger(__name__)
+_assemble = assembler(PlantState)
 
 
 class Plant:
@@ -124,7 +128,7 @@ class Plant:
             self.now_ns, self._qpos[self.addresses.qpos], self._standing_torque
         )
         self._motor_torque[:] = JOINT_TO_MOTOR @ self._standing_torque
-        self.data.ctrl[self.addresses.grippers] = jaw_command(np.zeros(2))
+        self.data.ctrl[self.addresses.grippers] = jaw_command(0.0)
         mujoco.mj_forward(self.model, self.data)
 
     def _settle_into_floor(self) -> None:
@@ -158,7 +162,9 @@ class Plant:
             command.stiffness,
             command.damping,
         )
-        self.data.ctrl[self.addresses.grippers] = jaw_command(command.gripper_closure)
+        self.data.ctrl[self.addresses.grippers] = [
+            jaw_command(closure) for closure in command.gripper_closure.tolist()
+        ]
         self.command_ages.append((self.now_ns - stamp) * 1e-9)
         return True
 
@@ -258,24 +264,27 @@ class Plant:
         """Return the exact state now."""
         addresses, qpos, qvel = self.addresses, self._qpos, self._qvel
         controller = self.guard.controller
+        fingers = qpos[addresses.fingers_qpos].tolist()
         # Not validated: the shapes are MuJoCo's, and receivers check the numbers.
-        return PlantState.model_construct(
-            header=Header(stamp=self.now_ns),
-            base_position=qpos[:3].copy(),
-            base_quaternion=qpos[3:7].copy(),
-            base_linear_velocity=qvel[:3].copy(),
-            base_angular_velocity=qvel[3:6].copy(),
-            joint_position=qpos[addresses.qpos],
-            joint_velocity=qvel[addresses.qvel],
-            joint_torque=MOTOR_TO_JOINT @ self._motor_torque,
-            gripper_closure=jaw_closure(0.5 * qpos[addresses.fingers_qpos].sum(axis=1)),
-            foot_normal_force=foot_normal_forces(self.data, addresses.feet),
-            reset_count=self.reset_count,
-            guard=self.guard.mode,
-            fallen=self.fallen,
-            controller_boot=0 if controller is None else controller.boot,
-            torque_mode=self.config.torque_mode.value,
-            stops=self.guard.stop.stops,
+        return _assemble(
+            {
+                "header": Header(stamp=self.now_ns),
+                "base_position": qpos[:3].copy(),
+                "base_quaternion": qpos[3:7].copy(),
+                "base_linear_velocity": qvel[:3].copy(),
+                "base_angular_velocity": qvel[3:6].copy(),
+                "joint_position": qpos[addresses.qpos],
+                "joint_velocity": qvel[addresses.qvel],
+                "joint_torque": self._motor_torque[_MOTOR_OF_JOINT],
+                "gripper_closure": np.array([jaw_closure(0.5 * (a + b)) for a, b in fingers]),
+                "foot_normal_force": foot_normal_forces(self.data, addresses.feet),
+                "reset_count": self.reset_count,
+                "guard": self.guard.mode,
+                "fallen": self.fallen,
+                "controller_boot": 0 if controller is None else controller.boot,
+                "torque_mode": self.config.torque_mode.value,
+                "stops": self.guard.stop.stops,
+            }
         )
 
     def measured(self) -> PlantState:
