@@ -52,7 +52,11 @@ def build_spec(scene: str = "flat", *, visuals: bool = True) -> Any:
     _set_physics(spec)
     _add_floor(spec)
     _add_lights(spec)
+    of_robot = len(spec.joints)
     find_scene(scene).build(spec)
+    if len(spec.joints) == of_robot:
+        # A single tree is a single island, so that looking for islands only takes time.
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if not visuals:
         for geom in [geom for geom in spec.geoms if geom.group == VISUAL_GROUP]:
             spec.delete(geom)
