@@ -20,18 +20,24 @@ SAMPLES = (100, 150, 200)
 
 
 class Stack:
-    """Hands messages to those that subscribed, with a plant that stands still."""
+    """Hands messages to the recorder, with a plant that stands still."""
 
     def __init__(self) -> None:
         self.plant = SimpleNamespace(plant=Plant(SimConfig(task="door/unlock")))
         self.runner = self
         self._hear: dict[str, Callable[[Any], None]] = {}
+        self._newest: dict[str, Any] = {}
 
     def on_message(self, topic: Any, hear: Callable[[Any], None]) -> None:
         self._hear[topic.name] = hear
 
+    def newest(self, topic: Any) -> Callable[[], Any]:
+        return lambda: self._newest.get(topic.name)
+
     def send(self, topic: Any, message: Any) -> None:
-        self._hear[topic.name](message)
+        self._newest[topic.name] = message
+        if hear := self._hear.get(topic.name):
+            hear(message)
 
 
 def gaits(order: Callable[[list[Any]], Sequence[Any]]) -> list[int]:
