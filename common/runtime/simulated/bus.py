@@ -46,6 +46,8 @@ class SimBus:
         self._record = record
         self._readers: defaultdict[str, list[Inbox]] = defaultdict(list)
         self._callbacks: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
+        self._newest: dict[str, bytes | None] = {}
+        """Payload of the newest message by the name of its topic, where somebody asks for it."""
 
     def boot(self, source: str, run: int) -> int:
         """Return the boot id of a source's ``run``-th run."""
@@ -67,9 +69,23 @@ class SimBus:
         """Call ``callback`` with every message of ``topic``, decoded, when it is sent."""
         self._callbacks[topic.name].append(callback)
 
+    def newest(self, topic: Topic[M]) -> Callable[[], M | None]:
+        """Return a function that decodes the newest message of ``topic``; None: none was sent."""
+        name, schema = topic.name, topic.schema
+        self._newest.setdefault(name, None)
+
+        def read() -> M | None:
+            payload = self._newest[name]
+            return None if payload is None else decode(payload, schema)
+
+        return read
+
     def wanted(self, topic: Topic[Any]) -> bool:
         """Whether a message of ``topic`` would be delivered or recorded."""
-        return bool(self._record or self._readers[topic.name] or self._callbacks[topic.name])
+        name = topic.name
+        return bool(
+            self._record or self._readers[name] or self._callbacks[name] or name in self._newest
+        )
 
     def send(
         self,
@@ -93,7 +109,7 @@ class SimBus:
         """
         name = topic.name
         readers, callbacks = self._readers[name], self._callbacks[name]
-        if not (readers or callbacks or self._record):
+        if not (readers or callbacks or self._record or name in self._newest):
             stamper.count += 1
             return
         now = self._clock()
@@ -105,8 +121,12 @@ class SimBus:
             schema: type[Message] = topic.schema
             key = key_of(self._robot, topic, source)
             self.log.append(RawSample(key, payload, schema_tag(schema), now))
-        for callback in callbacks:
-            callback(decode(payload, topic.schema))
+        if name in self._newest:
+            self._newest[name] = payload
+        if callbacks:
+            decoded = decode(payload, topic.schema)
+            for callback in callbacks:
+                callback(decoded)
 
     def digest(self) -> str:
         """Return the SHA-256 over time, key and payload of everything in :attr:`log`."""
