@@ -1,7 +1,7 @@
 """Round trips of a PlantState's bytes to an echo process and back, by three ways.
 
 - typed: stamp, encode, Zenoh, inbox, decode and check; the echo decodes and encodes again;
-- zenoh: the same bytes and the same hand-over between threads, without looking at them;
+- zenoh: the same bytes, handed over to the waiting thread by an event, without looking at them;
 - tcp: a socket without delay, blocking reads.
 
 They take turns, one of each kind (in blocks of 50 when back to back), so that whatever else the
@@ -89,7 +89,7 @@ class TypedEnd:
 
 
 class RawEnd:
-    """The same over plain Zenoh, with the same hand-over to the waiting thread."""
+    """The same over plain Zenoh, handed over to the waiting thread by an event."""
 
     def __init__(self, name: str, base_port: int, send: str, read: str) -> None:
         import zenoh

@@ -182,9 +182,7 @@ class TopicBuffer:
         clock, journal = self._context.clock, self._context.journal
         started = clock() if clock else 0
         try:
-            if raw.tag == WILDCARD:
-                raise SchemaError("put on a wildcard key; expected the topic's own")
-            message = self._decoder.decode(raw.payload, raw.tag, raw.injected_ns)
+            message = self._decode(raw)
         except SchemaError as error:
             self._refuse(error)
             if journal is not None:
@@ -202,6 +200,11 @@ class TopicBuffer:
         if journal is not None:
             decode_ns = clock() - started if clock else 0
             self._record(journal, outcome, header, raw, _times(raw, offset, decode_ns))
+
+    def _decode(self, raw: RawMessage) -> Message:
+        if raw.tag == WILDCARD:
+            raise SchemaError("put on a wildcard key; expected the topic's own")
+        return self._decoder.decode(raw.payload, raw.tag, raw.injected_ns)
 
     def _judge_sender(self, header: Header, offset: int, arrived_ns: int) -> InputOutcome:
         """Decide by age and sender whether a message may be applied."""

@@ -79,7 +79,7 @@ class Inbox:
         self._trigger = self._buffers[trigger.name] if trigger is not None else None
         self._trigger_seen_ns = -1
         self._asleep = threading.Lock()
-        """Held until something wakes :meth:`wait`; an event takes several times as long."""
+        """Held until something wakes :meth:`wait`; an event takes twice as long."""
         self._asleep.acquire()
         self._updated: list[TopicBuffer] = []
         self._arrived = False

@@ -52,8 +52,8 @@ def array_layout(schema: type[Message]) -> ArrayLayout:
     return ArrayLayout(
         specs=specs,
         sizes=tuple(8 * count for count in counts),
-        pieces_of=_getter(list(specs)),
-        views_of=_getter([slice(b - n, b) for b, n in zip(stops, counts, strict=True)]),
+        pieces_of=getter(list(specs)),
+        views_of=getter([slice(b - n, b) for b, n in zip(stops, counts, strict=True)]),
         shaped=tuple((k, spec.shape) for k, (_, spec) in places if len(spec.shape) != 1),
         units=tuple((k, name) for k, (name, spec) in places if spec.unit),
     )
@@ -96,7 +96,7 @@ def checked_views(data: bytes, layout: ArrayLayout) -> list[Float64Array]:
     block = np.frombuffer(data, _FLOAT64)
     views = list(layout.views_of(block))
     # NaN and infinity have all bits of the exponent set, so none is among numbers whose first byte
-    # is another one. To look for that byte takes a fifth of the time of `isfinite`.
+    # is another one. To look for that byte takes half the time of `isfinite`.
     tops = data[7::8]
     if (0x7F in tops or 0xFF in tops) and not np.isfinite(block).all():
         pairs = zip(layout.specs, views, strict=True)
@@ -113,7 +113,7 @@ def checked_views(data: bytes, layout: ArrayLayout) -> list[Float64Array]:
     return views
 
 
-def _getter(keys: Sequence[Any]) -> Callable[[Any], tuple[Any, ...]]:
+def getter(keys: Sequence[Any]) -> Callable[[Any], tuple[Any, ...]]:
     """Return an :class:`operator.itemgetter` that returns a tuple for any number of keys."""
     if len(keys) > 1:
         return itemgetter(*keys)

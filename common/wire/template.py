@@ -1,10 +1,10 @@
-"""Read a message that differs from an earlier one only in its counts and arrays.
+"""Read a message that differs from an earlier one only in its counts and measurements.
 
 Most messages of a publisher are like its last one but for the counts and times in the header and
-the numbers in the arrays. A message that was decoded and found good therefore serves as a template:
-its bytes with holes in these places. One operation takes another message apart, one comparison
-shows that everything around the holes has been checked before, and only what is in the holes is
-checked again. That is a third of the work of reading the message as if nothing were known.
+the numbers in arrays and other fields. A message that was decoded and found good therefore serves
+as a template: its bytes with holes in these places. One operation takes another message apart, one
+comparison shows that everything around the holes has been checked before, and only what is in the
+holes is checked again. That takes half the time of reading the message as if nothing were known.
 """
 
 import struct
@@ -13,11 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgpack
+from pydantic import ValidationError
 
 from common.errors import SchemaError
 from common.schemas import Header, Message
-from common.wire.arrays import ArrayLayout, checked_views
-from common.wire.builder import assembler
+from common.wire.arrays import ArrayLayout, checked_views, getter
+from common.wire.builder import assembler, fields_validator
 
 _PLAIN = (bool, int, float, str)
 """Types of the values that messages may share: nobody can change them."""
@@ -36,19 +37,27 @@ class Template:
     Attributes:
         unpack: takes it apart into bytes around the holes and, in between, what is in these.
         around: the bytes around the holes.
-        counts: fields of the header that have a hole.
+        counts: fields of the header that have a hole; theirs come first.
+        floats: other fields with a hole that are numbers.
+        floats_of: returns what is in their holes.
+        check_floats: validates them; None if there are none.
         header: values of all its fields.
         values: of all fields of the message, in the order of the schema.
-        arrays: its array fields; their holes follow those of the counts.
+        arrays: its array fields.
+        pieces_of: returns what is in their holes.
         assemble: makes a message from checked values.
     """
 
     unpack: Callable[[bytes], tuple[Any, ...]]
     around: tuple[bytes, ...]
     counts: tuple[str, ...]
+    floats: tuple[str, ...]
+    floats_of: Callable[[Any], tuple[float, ...]]
+    check_floats: Callable[[dict[str, Any]], dict[str, Any]] | None
     header: dict[str, Any]
     values: dict[str, Any]
     arrays: ArrayLayout
+    pieces_of: Callable[[Any], tuple[bytes, ...]]
     assemble: Callable[[dict[str, Any]], Message]
 
     def read(self, payload: bytes, injected_ns: int) -> Message | None:
@@ -72,8 +81,11 @@ class Template:
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            views = checked_views(b"".join(holes[len(self.counts) :]), self.arrays)
-        except SchemaError:
+            if self.check_floats is not None:
+                floats = dict(zip(self.floats, self.floats_of(holes), strict=True))
+                values.update(self.check_floats(floats))
+            views = checked_views(b"".join(self.pieces_of(holes)), self.arrays)
+        except (SchemaError, ValidationError):
             return None
         for name, view in zip(self.arrays.specs, views, strict=True):
             values[name] = view
@@ -100,6 +112,22 @@ class _Outline:
         self._run = b""
 
 
+def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple[str, ...]:
+    """Add a header; returns the fields that have a hole."""
+    counts = []
+    outline.add(packer.pack_map_header(len(header)))
+    for name, value in header.items():
+        packed = packer.pack(value)
+        outline.add(packer.pack(name))
+        if isinstance(value, int) and packed[0] in _COUNTS:
+            outline.add(packed[:1])
+            outline.end_run(_COUNTS[packed[0]])
+            counts.append(name)
+        else:
+            outline.add(packed)
+    return tuple(counts)
+
+
 def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
 
@@ -115,25 +143,18 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     # Before it is received nothing has been injected.
     header = {**message.header.__dict__, "injected": 0}
     outline.add(packer.pack_map_header(1 + len(values)) + packer.pack("header"))
-    outline.add(packer.pack_map_header(len(header)))
-    counts = []
-    for name, value in header.items():
-        packed = packer.pack(value)
-        outline.add(packer.pack(name))
-        if isinstance(value, int) and packed[0] in _COUNTS:
-            outline.add(packed[:1])
-            outline.end_run(_COUNTS[packed[0]])
-            counts.append(name)
-        else:
-            outline.add(packed)
+    counts = _add_header(outline, header, packer)
+    places: dict[str, int] = {}
     for name, value in values.items():
-        is_array = name in arrays.specs
+        is_array, is_float = name in arrays.specs, isinstance(value, float)
         packed = packer.pack(value.tobytes() if is_array else value)
-        size = value.nbytes if is_array else 0
+        size = value.nbytes if is_array else 8 if is_float else 0
         outline.add(packer.pack(name) + packed[: len(packed) - size])
-        if is_array:
-            outline.end_run(f"{size}s")
+        if size:
+            places[name] = len(outline.around)
+            outline.end_run("d" if is_float else f"{size}s")
     outline.end_run()
+    floats = tuple(name for name in places if name not in arrays.specs)
     form = struct.Struct(outline.layout)
     around = tuple(outline.around)
     if form.size != len(payload) or form.unpack(payload)[::2] != around:
@@ -141,9 +162,13 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     return Template(
         unpack=form.unpack,
         around=around,
-        counts=tuple(counts),
+        counts=counts,
+        floats=floats,
+        floats_of=getter([places[name] for name in floats]),
+        check_floats=fields_validator(type(message), floats) if floats else None,
         header=header,
         values=dict(message.__dict__),
         arrays=arrays,
+        pieces_of=getter([places[name] for name in arrays.specs]),
         assemble=assembler(type(message)),
     )

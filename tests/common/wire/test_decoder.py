@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from common.errors import SchemaError
-from common.schemas import Header, JointCommand, Message, PlantAction, PlantRequest, PlantState
+from common.schemas import (
+    ControllerState,
+    Header,
+    JointCommand,
+    Message,
+    PlantAction,
+    PlantRequest,
+    PlantState,
+)
 from common.wire import decoder as module
 from common.wire.codec import decode, encode, schema_tag
 from common.wire.decoder import Decoder
@@ -108,6 +116,19 @@ def test_wrong_quaternions_and_counts_are_refused() -> None:
         decoder.decode(encode(bad, later()))
     with pytest.raises(SchemaError, match=r"header\.boot: Input should be less than 92233720"):
         decoder.decode(encode(plant_state(), later(boot=2**63)))
+
+
+def test_numbers_outside_arrays_are_read_and_validated(request: pytest.FixtureRequest) -> None:
+    state = EXAMPLES[ControllerState]
+    decoder = primed(state)
+    wrong = state.model_copy(update={"gait_progress": 1.5})
+    with pytest.raises(SchemaError, match="gait_progress: Input should be less than or equal to 1"):
+        decoder.decode(encode(wrong, later()))
+    request.getfixturevalue("only_templates")
+    other = state.model_copy(update={"gait_progress": 0.75, "dcm_error": 1e-9})
+    message = decoder.decode(encode(other, later()))
+    assert (message.gait_progress, message.dcm_error) == (0.75, 1e-9)
+    assert encode(message, later()) == encode(other, later())
 
 
 def test_another_schema_is_refused_though_its_bytes_would_do() -> None:
