@@ -38,7 +38,7 @@ def measure(rounds: int) -> tuple[dict[str, list[Meter]], list[float]]:
 
 def _row(label: str, seconds: list[float]) -> str:
     median, p99, worst = (1e3 * float(np.percentile(seconds, p)) for p in (50, 99, 100))
-    return f"{label:22}{median:9.3f}{p99:9.3f}{worst:9.3f}"
+    return f"{label:22}{median:9.3f}{p99:9.3f}{worst:9.3f}{p99 / median:12.2f}"
 
 
 def main() -> int:
@@ -47,7 +47,7 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=3, help="turns of each solver")
     rounds = parser.parse_args().rounds
     meters, speeds = measure(rounds)
-    print(f"{'whole-body tick [ms]':22}{'median':>9}{'p99':>9}{'max':>9}")
+    print(f"{'whole-body tick [ms]':22}{'median':>9}{'p99':>9}{'max':>9}{'p99/median':>12}")
     for solver in SOLVERS:
         print(_row(solver, [t for meter in meters[solver] for t in meter.seconds]))
         for stage in STAGES:
