@@ -95,6 +95,8 @@ def _parse(argv: Sequence[str] | None) -> argparse.Namespace:
     for tree in (arguments.old, arguments.new):
         if not (tree / "pyproject.toml").is_file():
             parser.error(f"expected a source tree with a pyproject.toml, got {tree}")
+    if arguments.json and not arguments.json.absolute().parent.is_dir():
+        parser.error(f"--json: expected a file in a folder that exists, got {arguments.json}")
     return arguments
 
 

@@ -74,6 +74,7 @@ def test_a_workload_that_fails_is_said_and_counts_as_missed(
         (["nowhere"], "expected a source tree with a pyproject.toml"),
         ([".", "--rows", "time,speed"], "no row speed; expected some of time, pictures"),
         ([".", "--rounds", "0"], "expected 1 or more, got 0"),
+        ([".", "--json", "no/file.json"], "expected a file in a folder that exists"),
         ([".", "--placo-python", "no/python"], "expected an interpreter, got no/python"),
     ],
 )
