@@ -14,7 +14,8 @@ from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
 from common.schemas import Header, Message, Sender
 from common.topics import Delivery, Topic
-from common.wire.codec import Decoder, schema_tag
+from common.wire.codec import schema_tag
+from common.wire.decoder import Decoder
 from common.wire.header import wire_header
 from common.wire.sequence import MessageOrder, SequenceTracker
 
@@ -181,7 +182,9 @@ class TopicBuffer:
         clock, journal = self._context.clock, self._context.journal
         started = clock() if clock else 0
         try:
-            message = self._decode(raw)
+            if raw.tag == WILDCARD:
+                raise SchemaError("put on a wildcard key; expected the topic's own")
+            message = self._decoder.decode(raw.payload, raw.tag, raw.injected_ns)
         except SchemaError as error:
             self._refuse(error)
             if journal is not None:
@@ -200,15 +203,11 @@ class TopicBuffer:
             decode_ns = clock() - started if clock else 0
             self._record(journal, outcome, header, raw, _times(raw, offset, decode_ns))
 
-    def _decode(self, raw: RawMessage) -> Message:
-        if raw.tag == WILDCARD:
-            raise SchemaError("put on a wildcard key; expected the topic's own")
-        return self._decoder.decode(raw.payload, raw.tag, raw.injected_ns)
-
     def _judge_sender(self, header: Header, offset: int, arrived_ns: int) -> InputOutcome:
         """Decide by age and sender whether a message may be applied."""
         followed = self._followed
-        old = self._context.is_too_old(header, offset, arrived_ns, self._max_age_ns)
+        limit = self._max_age_ns
+        old = limit < NO_LIMIT and self._context.is_too_old(header, offset, arrived_ns, limit)
         ours = followed is None or followed.takes(header, arrived_ns, old=old)
         if old:
             self.stale += 1

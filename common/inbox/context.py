@@ -49,10 +49,8 @@ class InboxContext:
             header: of the message.
             offset: this clock minus its sender's [ns]; UNKNOWN if not known.
             arrived_ns: when it arrived, injected delay left out [ns].
-            max_age_ns: largest age to be applied [ns].
+            max_age_ns: largest age to be applied, less than NO_LIMIT [ns].
         """
-        if max_age_ns >= NO_LIMIT:
-            return False
         if offset != UNKNOWN and header.sent:
             return arrived_ns - header.sent - offset > max_age_ns
         known = self._unknown_since

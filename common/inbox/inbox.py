@@ -83,6 +83,9 @@ class Inbox:
         self._asleep.acquire()
         self._updated: list[TopicBuffer] = []
         self._arrived = False
+        """Whether anything was put, or fell due, that no step has looked at."""
+        self._next_due_ns = 0
+        """Before it no message that a step has looked at falls due [ns]."""
         self._now = 0
 
     def offer(
@@ -111,11 +114,13 @@ class Inbox:
             for buffer in self._updated:
                 buffer.end_step()
             self._updated.clear()
-        if self._linked:
-            self._advance_links(now_ns)
-        if self._arrived:
+        arrived = self._arrived
+        if arrived:
             # Cleared before looking: what arrives meanwhile sets it again for the next step.
             self._arrived = False
+        if self._linked and (arrived or now_ns >= self._next_due_ns):
+            arrived |= self._advance_links(now_ns)
+        if arrived:
             for buffer in self._all:
                 if buffer.queue.ready and buffer.take_in():
                     self._updated.append(buffer)
@@ -204,6 +209,7 @@ class Inbox:
         buffer.release(-1)
         buffer.queue.set_line(self._line(buffer.topic, spec))
         self._linked = self._with_line()
+        self._next_due_ns = 0
 
     def link_of(self, topic_name: str) -> str:
         """What is injected in front of an input, in words; empty: nothing."""
@@ -251,8 +257,8 @@ class Inbox:
         buffer = self._trigger
         if buffer is None:
             return None
-        if buffer.queue.line is not None:
-            self._advance_links(now_ns)
+        if buffer.queue.line is not None and self._advance_links(now_ns):
+            self._arrived = True
         arrival = buffer.queue.last_put_ns
         if arrival == self._trigger_seen_ns:
             return None
@@ -275,11 +281,14 @@ class Inbox:
     def _with_line(self) -> tuple[TopicBuffer, ...]:
         return tuple(buffer for buffer in self._all if buffer.queue.line is not None)
 
-    def _advance_links(self, now_ns: int) -> None:
-        """Move payloads that arrived into the delay lines and those that fell due out of them."""
-        for buffer in self._linked:
-            if buffer.release(now_ns):
-                self._arrived = True
+    def _advance_links(self, now_ns: int) -> bool:
+        """Move payloads that arrived into the delay lines and those that fell due out of them.
+
+        Returns whether any fell due.
+        """
+        released = [buffer.release(now_ns) for buffer in self._linked]
+        self._next_due_ns = min(buffer.queue.next_due_ns for buffer in self._linked)
+        return any(released)
 
     def _buffer(self, topic: Topic[Any]) -> TopicBuffer:
         buffer = self._buffers.get(topic.name)

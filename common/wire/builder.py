@@ -17,6 +17,17 @@ from common.wire.schema import array_spec
 
 B = TypeVar("B", bound=BaseModel)
 
+_set_values, _set_fields_set, _set_extra, _set_private = (
+    BaseModel.__dict__[slot].__set__
+    for slot in (
+        "__dict__",
+        "__pydantic_fields_set__",
+        "__pydantic_extra__",
+        "__pydantic_private__",
+    )
+)
+"""Setters of the slots of every model, which a frozen one refuses to set by name."""
+
 
 def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message]:
     """Return a function that validates a map with all fields of ``schema`` and builds the message.
@@ -24,11 +35,16 @@ def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message
     A schema with validators of its own is built by its own validation. The function returned
     raises :class:`pydantic.ValidationError`.
     """
-    decorators = schema.__pydantic_decorators__
-    if decorators.model_validators or decorators.field_validators:
+    if has_validators(schema):
         return schema.model_validate
     validate, assemble = _fields_validator(schema), assembler(schema)
     return lambda fields: assemble(validate(fields))
+
+
+def has_validators(schema: type[Message]) -> bool:
+    """Whether a schema has validators of its own."""
+    decorators = schema.__pydantic_decorators__
+    return bool(decorators.model_validators or decorators.field_validators)
 
 
 @cache
@@ -36,14 +52,14 @@ def assembler(model: type[B]) -> Callable[[dict[str, Any]], B]:
     """Return a function that makes a ``model`` of the checked values of all its fields."""
     # Messages are frozen, so they can share it.
     fields_set = set(model.model_fields)
-    assign = object.__setattr__
+    new = object.__new__
 
     def assemble(values: dict[str, Any]) -> B:
-        made = model.__new__(model)
-        assign(made, "__dict__", values)
-        assign(made, "__pydantic_fields_set__", fields_set)
-        assign(made, "__pydantic_extra__", None)
-        assign(made, "__pydantic_private__", None)
+        made = new(model)
+        _set_values(made, values)
+        _set_fields_set(made, fields_set)
+        _set_extra(made, None)
+        _set_private(made, None)
         return made
 
     return assemble

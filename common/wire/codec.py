@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Generic, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import msgpack
 import numpy as np
@@ -22,9 +22,8 @@ from common.wire.arrays import ArrayLayout, array_layout, view_arrays
 from common.wire.builder import message_builder
 from common.wire.compatibility import Compatibility, adapt, compatibility
 from common.wire.schema import describe_array, schema_hash, schema_tag
-from common.wire.template import Template, template_of
 
-__all__ = ["MAX_PAYLOAD", "Decoder", "decode", "encode", "schema_hash", "schema_tag"]
+__all__ = ["MAX_PAYLOAD", "decode", "encode", "schema_hash", "schema_tag"]
 
 M = TypeVar("M", bound=Message)
 
@@ -35,9 +34,6 @@ MAX_PAYLOAD = 64 * 1024 * 1024
 _MAX_ITEMS = 128
 _FIXMAP = 15
 """Most fields whose number takes one byte."""
-_FIRST_COUNT = 128
-"""Sequence numbers below it have no place of their own in a message's bytes."""
-_MAX_TEMPLATES = 8
 _MAX_ERROR = 380
 _MAX_NAME = 40
 
@@ -50,6 +46,7 @@ class _Plan:
         tag: of the schema.
         names: of its fields.
         prefix: first bytes of every message, up to its header.
+        head: length of the map header of everything but the header [bytes].
         arrays: its array fields.
         build: makes a message from its fields.
     """
@@ -57,6 +54,7 @@ class _Plan:
     tag: str
     names: frozenset[str]
     prefix: bytes
+    head: int
     arrays: ArrayLayout
     build: Callable[[dict[str, Any]], Message]
 
@@ -97,9 +95,8 @@ def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
         SchemaError: a value of the header does not fit the wire.
     """
     plan = _plan(type(message))
-    # The body's own map header, of one or three bytes, makes way for that of the whole.
-    rest = memoryview(body)[1 if len(plan.names) <= _FIXMAP + 1 else 3 :]
-    return b"".join((plan.prefix, _packed(message, header), rest))
+    # The body's own map header makes way for that of the whole.
+    return b"".join((plan.prefix, _packed(message, header), body[plan.head :]))
 
 
 def _packed(message: Message, fields: dict[str, Any]) -> bytes:
@@ -144,44 +141,6 @@ def decode(payload: bytes, schema: type[M], tag: str | None = None, injected_ns:
             for item in error.errors(include_url=False, include_input=False, include_context=False)
         )
         raise SchemaError(_limited(f"{schema.__name__}: {'; '.join(texts)}")) from error
-
-
-class Decoder(Generic[M]):
-    """Decodes the messages of one input as :func:`decode` does, and faster if they are alike.
-
-    It remembers a few good messages as templates, see :mod:`common.wire.template`. Where each
-    message differs in more than such a template allows, new ones are made less and less often.
-    """
-
-    def __init__(self, schema: type[M]) -> None:
-        """Start without templates for messages of type ``schema``."""
-        self._schema, self._plan = schema, _plan(schema)
-        self._templates: dict[int, Template] = {}
-        """By the size of their messages."""
-        self._misses = 0
-        """Messages since the last one that was like a template."""
-
-    def decode(self, payload: bytes, tag: str | None = None, injected_ns: int = 0) -> M:
-        """Return the message in ``payload``; arguments and errors are those of :func:`decode`."""
-        own = tag is None or tag == self._plan.tag
-        if own and (template := self._templates.get(len(payload))) is not None:
-            like = template.read(payload, injected_ns)
-            if like is not None:
-                self._misses = 0
-                return cast(M, like)
-        message = decode(payload, self._schema, tag, injected_ns)
-        if own and message.header.seq >= _FIRST_COUNT:
-            self._misses += 1
-            if self._misses & (self._misses - 1) == 0:
-                self._remember(payload, message)
-        return message
-
-    def _remember(self, payload: bytes, message: M) -> None:
-        template = template_of(payload, message, self._plan.arrays)
-        if template is not None:
-            if len(self._templates) >= _MAX_TEMPLATES:
-                self._templates.clear()
-            self._templates[len(payload)] = template
 
 
 def _unpack(payload: bytes, schema: type[Message]) -> dict[str, Any]:
@@ -273,6 +232,7 @@ def _plan(schema: type[Message]) -> _Plan:
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
         prefix=_prefix(len(schema.model_fields)),
+        head=1 if len(schema.model_fields) <= _FIXMAP + 1 else 3,
         arrays=array_layout(schema),
         build=message_builder(schema),
     )

@@ -34,7 +34,6 @@ class Template:
     """A good message, to read others by.
 
     Attributes:
-        size: of the message [bytes].
         unpack: takes it apart into bytes around the holes and, in between, what is in these.
         around: the bytes around the holes.
         counts: fields of the header that have a hole.
@@ -44,7 +43,6 @@ class Template:
         assemble: makes a message from checked values.
     """
 
-    size: int
     unpack: Callable[[bytes], tuple[Any, ...]]
     around: tuple[bytes, ...]
     counts: tuple[str, ...]
@@ -64,78 +62,88 @@ class Template:
         if parts[::2] != self.around:
             return None
         holes = parts[1::2]
-        split = len(self.counts)
-        counts = holes[:split]
-        if max(counts, default=0) >= _END:
-            return None
         header = dict(self.header)
-        header.update(zip(self.counts, counts, strict=True))
+        for name, count in zip(self.counts, holes, strict=False):
+            if count >= _END:
+                return None
+            header[name] = count
         if injected_ns:
             header["injected"] = injected_ns
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            views = checked_views(b"".join(holes[split:]), self.arrays)
+            views = checked_views(b"".join(holes[len(self.counts) :]), self.arrays)
         except SchemaError:
             return None
-        values.update(zip(self.arrays.specs, views, strict=True))
+        for name, view in zip(self.arrays.specs, views, strict=True):
+            values[name] = view
         return self.assemble(values)
+
+
+class _Outline:
+    """A message's bytes with holes, as they are collected from its beginning."""
+
+    def __init__(self) -> None:
+        self.layout = ">"
+        """Of what was collected, for :mod:`struct`."""
+        self.around: list[bytes] = []
+        self._run = b""
+
+    def add(self, data: bytes) -> None:
+        """Add bytes that stay the same."""
+        self._run += data
+
+    def end_run(self, hole: str = "") -> None:
+        """Add a hole of a layout, or nothing at the end of the message."""
+        self.layout += f"{len(self._run)}s{hole}"
+        self.around.append(self._run)
+        self._run = b""
 
 
 def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
 
     Returns:
-        None if it has no arrays, or parts that can be changed, or if the bytes are not exactly what
+        None if it has parts that can be changed, or if the bytes are not exactly what
         :func:`common.wire.codec.encode` makes of it.
     """
-    values = message.__dict__
-    others = [value for name, value in values.items() if name not in arrays.specs]
-    if not arrays.specs or not all(isinstance(value, _PLAIN) for value in others[1:]):
+    values = dict(message.__dict__)
+    del values["header"]
+    if not all(name in arrays.specs or isinstance(values[name], _PLAIN) for name in values):
         return None
-    pack = msgpack.Packer().pack
+    packer, outline = msgpack.Packer(), _Outline()
     # Before it is received nothing has been injected.
     header = {**message.header.__dict__, "injected": 0}
-    layout, around, run = ">", [], bytearray()
-
-    def hole(kind: str) -> None:
-        nonlocal layout
-        layout += f"{len(run)}s{kind}"
-        around.append(bytes(run))
-        run.clear()
-
+    outline.add(packer.pack_map_header(1 + len(values)) + packer.pack("header"))
+    outline.add(packer.pack_map_header(len(header)))
     counts = []
-    run += msgpack.Packer().pack_map_header(len(values)) + pack("header")
-    run += msgpack.Packer().pack_map_header(len(header))
     for name, value in header.items():
-        packed = pack(value)
-        run += pack(name)
+        packed = packer.pack(value)
+        outline.add(packer.pack(name))
         if isinstance(value, int) and packed[0] in _COUNTS:
-            run += packed[:1]
-            hole(_COUNTS[packed[0]])
+            outline.add(packed[:1])
+            outline.end_run(_COUNTS[packed[0]])
             counts.append(name)
         else:
-            run += packed
-    sizes = dict(zip(arrays.specs, arrays.sizes, strict=True))
-    for name in list(values)[1:]:
-        run += pack(name)
-        if name in sizes:
-            run += pack(bytes(sizes[name]))[: -sizes[name]]
-            hole(f"{sizes[name]}s")
-        else:
-            run += pack(values[name])
-    layout += f"{len(run)}s"
-    form = struct.Struct(layout)
-    around.append(bytes(run))
-    if form.size != len(payload) or form.unpack(payload)[::2] != tuple(around):
+            outline.add(packed)
+    for name, value in values.items():
+        is_array = name in arrays.specs
+        packed = packer.pack(value.tobytes() if is_array else value)
+        size = value.nbytes if is_array else 0
+        outline.add(packer.pack(name) + packed[: len(packed) - size])
+        if is_array:
+            outline.end_run(f"{size}s")
+    outline.end_run()
+    form = struct.Struct(outline.layout)
+    around = tuple(outline.around)
+    if form.size != len(payload) or form.unpack(payload)[::2] != around:
         return None
     return Template(
-        size=form.size,
         unpack=form.unpack,
-        around=tuple(around),
+        around=around,
         counts=tuple(counts),
         header=header,
-        values=dict(values),
+        values=dict(message.__dict__),
         arrays=arrays,
         assemble=assembler(type(message)),
     )

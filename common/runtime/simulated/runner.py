@@ -202,6 +202,13 @@ class SimTimeRunner:
         """Call ``callback`` with every message of ``topic``, decoded, when it is published."""
         self._bus.on_message(topic, callback)
 
+    def newest(self, topic: Topic[M]) -> Callable[[], M | None]:
+        """Return a function that gives the newest message of ``topic``; None: there is none yet.
+
+        For whoever needs few of the messages: only those asked for are decoded.
+        """
+        return self._bus.newest(topic)
+
     def inbox(self, name: str) -> Inbox:
         """The inbox of a service, e.g. for its counters."""
         return self._host(name).inbox
