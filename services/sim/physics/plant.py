@@ -3,6 +3,8 @@
 import logging
 import math
 from collections import deque
+from collections.abc import Callable
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -17,7 +19,6 @@ from common.schemas import GuardMode, Header, JointCommand, PlantState
 from common.schemas.arrays import Float64Array as Array
 from common.wire.builder import assembler
 from services.sim.config import NoiseConfig, SimConfig
-from services.sim.errors import TaskError
 from services.sim.model.contacts import GeomContact, foot_normal_forces, geom_contacts
 from services.sim.model.robot_state import jaw_closure, jaw_command
 from services.sim.model.world import build_model, find_addresses
@@ -25,6 +26,7 @@ from services.sim.physics.divergence import check_state
 from services.sim.physics.noise import add_noise
 from services.sim.physics.stance import standing_qpos, standing_torque
 from services.sim.tasks import find_task
+from services.sim.tasks.registry import with_task
 from services.sim.tasks.trial import SceneView, Trial
 
 START_NS = 1_000_000_000
@@ -42,7 +44,7 @@ _MOTOR_OF_JOINT = MOTOR_TO_JOINT.argmax(axis=1)
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
 _LOG = logging.getLogger(__name__)
-_assemble = assembler(PlantState)
+_assemble: Callable[[dict[str, Any]], PlantState] = assembler(PlantState)
 
 
 class Plant:
@@ -66,7 +68,7 @@ class Plant:
 
     def __init__(self, config: SimConfig | None = None, stop: StopRecord | None = None) -> None:
         """Build the model; a latched ``stop`` is in force from the beginning."""
-        self.config = _with_task(config or SimConfig())
+        self.config = with_task(config or SimConfig())
         # MuJoCo's own handler writes a log file into the working directory.
         mujoco.set_mju_user_warning(_log_warning)
         self.model = build_model(self.config.scene, visuals=False)
@@ -304,25 +306,6 @@ class Plant:
     def saturated_fraction(self) -> float:
         """Share of the physics steps since the reset with a motor at its torque limit."""
         return self.servo.saturated_steps / self.steps if self.steps else 0.0
-
-
-def _with_task(config: SimConfig) -> SimConfig:
-    """Return ``config`` with the scene of its task and, unless given, the noise of its task.
-
-    Raises:
-        TaskError: the task is unknown, or another scene is configured too.
-    """
-    if not config.task:
-        return config
-    task = find_task(config.task)
-    given = config.model_fields_set
-    if "scene" in given and config.scene != task.scene:
-        raise TaskError(
-            f"the task {task.name} needs the scene {task.scene!r}, got {config.scene!r}; leave the "
-            "scene out"
-        )
-    noise = config.noise if "noise" in given else task.noise
-    return config.model_copy(update={"scene": task.scene, "noise": noise})
 
 
 def _log_warning(text: str) -> None:

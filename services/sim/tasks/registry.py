@@ -7,6 +7,7 @@ import importlib
 import pkgutil
 from functools import cache
 
+from services.sim.config import SimConfig
 from services.sim.errors import TaskError
 from services.sim.tasks.base import Task
 
@@ -44,3 +45,22 @@ def find_task(name: str) -> Task:
     if name not in tasks:
         raise TaskError(f"unknown task {name!r}: expected one of {', '.join(tasks)}")
     return tasks[name]
+
+
+def with_task(config: SimConfig) -> SimConfig:
+    """Return ``config`` with the scene of its task and, unless given, the noise of its task.
+
+    Raises:
+        TaskError: the task is unknown, or another scene is configured too.
+    """
+    if not config.task:
+        return config
+    task = find_task(config.task)
+    given = config.model_fields_set
+    if "scene" in given and config.scene != task.scene:
+        raise TaskError(
+            f"the task {task.name} needs the scene {task.scene!r}, got {config.scene!r}; leave the "
+            "scene out"
+        )
+    noise = config.noise if "noise" in given else task.noise
+    return config.model_copy(update={"scene": task.scene, "noise": noise})
