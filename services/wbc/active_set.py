@@ -2,8 +2,8 @@
 
 With the binding rows known, the QP's optimality conditions are linear equations. At most ticks the
 guess is right at once (mostly no inequality binds at all). Otherwise rows that are violated are
-added to it and rows that only hold back are dropped, which is a step of a primal-dual active-set
-method (Hintermüller, Ito, Kunisch 2002). A solution found so is exact: every row holds and every
+added to it and rows that only hold back are dropped, a few times: a primal-dual active-set method
+(Hintermüller, Ito, Kunisch 2002). A solution found so is exact: every row holds and every
 multiplier has the right sign. Where none is found, a QP solver is asked.
 """
 
@@ -19,10 +19,12 @@ from services.wbc.robot_model import NV
 from services.wbc.solvers import EQUALITIES, SLACK_WEIGHT, Solution, Solver
 
 Indices = NDArray[np.intp]
-GUESSES = 2
-"""Largest number of guesses for one QP; more of them take longer than a solver."""
+GUESSES = 5
+"""Largest number of guesses for one QP; more than one are needed at one tick of twenty."""
 TOLERANCE = 1e-7
-"""Violation up to which a row holds, and multiplier up to which its sign does not matter."""
+"""Violation up to which a row holds [N, N·m, m/s²]."""
+NO_PRESSURE = 1e-10
+"""Multiplier up to which its sign does not matter: by the weight of the forces, 5e-5 N."""
 FIRST = NUM_VARIABLES + EQUALITIES
 """Place of the first inequality's multiplier among the unknowns."""
 MET = 1e-5
@@ -85,6 +87,10 @@ class ActiveSet:
         # Matrix and right side of the optimality conditions of the largest guess.
         self._matrix = np.zeros((2 * NUM_VARIABLES, 2 * NUM_VARIABLES))
         self._right = np.zeros(2 * NUM_VARIABLES)
+        n = NUM_VARIABLES
+        self._cost, self._down = self._matrix[:n, :n], self._right[:n]
+        self._equal, self._equal_right = self._matrix[n:FIRST, :n], self._right[n:FIRST]
+        self._equal_transposed = self._matrix[:n, n:FIRST]
 
     def solve(self, data: QpData) -> Solution:
         """Solve one QP, starting from the rows that bound the last."""
@@ -111,11 +117,11 @@ class ActiveSet:
         depend on each other, numbers are not finite, or do not satisfy the rows.
         """
         n, matrix, right = NUM_VARIABLES, self._matrix, self._right
-        matrix[:n, :n] = data.P
-        matrix[n:FIRST, :n] = data.A[:EQUALITIES]
-        matrix[:n, n:FIRST] = data.A[:EQUALITIES].T
-        np.negative(data.q, out=right[:n])
-        right[n:FIRST] = data.l[:EQUALITIES]
+        self._cost[:] = data.P
+        self._equal[:] = equal = data.A[:EQUALITIES]
+        self._equal_transposed[:] = equal.T
+        np.negative(data.q, out=self._down)
+        self._equal_right[:] = data.l[:EQUALITIES]
         size = FIRST
         if guess is not _NOTHING:
             rows, _, soft = guess
@@ -151,10 +157,10 @@ def _corrected(data: QpData, guess: _Guess, x: Array, multipliers: Array) -> _Gu
     if guess is _NOTHING and holds and not len(data.b):
         return guess
     rows, sides, soft = guess
-    pressing = sides * multipliers[: len(rows)] >= -TOLERANCE
+    pressing = sides * multipliers[: len(rows)] >= -NO_PRESSURE
     # Of the soft rows just those bind that are violated.
     missed = data.b - data.B.dot(x[:NV]) > TOLERANCE
-    missed[soft] = multipliers[len(rows) :] <= TOLERANCE
+    missed[soft] = multipliers[len(rows) :] <= NO_PRESSURE
     violated = np.flatnonzero(missed)
     if holds and pressing.all() and np.array_equal(violated, soft):
         return guess

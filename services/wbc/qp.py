@@ -125,6 +125,13 @@ class QpBuilder:
         diagonal = np.arange(NV, NUM_VARIABLES)
         data.P[diagonal, diagonal] = tasks.force_regulariser + tasks.force_reference_weight
         self._regulariser = tasks.acceleration_regulariser
+        # Views of what changes at every tick; of each foot, its columns and its cone's bounds.
+        self._mass = data.A[DYNAMICS, :NV]
+        self._lowest, self._highest = data.l[DYNAMICS], data.u[DYNAMICS]
+        self._contacts = tuple(
+            (data.A[DYNAMICS, columns], data.l[CONES][side * CONE_ROWS :][:CONE_ROWS])
+            for side, columns in enumerate(FORCES)
+        )
         self._diagonal = data.P.ravel()[: NV * NUM_VARIABLES : NUM_VARIABLES + 1]
 
     def build(
@@ -146,20 +153,19 @@ class QpBuilder:
         data.P[:NV, :NV], data.q[:NV] = stack.quadratic()
         self._diagonal += self._regulariser
         weight = self._config.tasks.force_reference_weight
-        data.A[DYNAMICS, :NV] = dynamics.mass_matrix
-        for side, columns in enumerate(FORCES):
-            cone = slice(CONES.start + side * CONE_ROWS, CONES.start + (side + 1) * CONE_ROWS)
+        self._mass[:] = dynamics.mass_matrix
+        for side, (wrench, cone) in enumerate(self._contacts):
             if normal_force_max[side] > AIRBORNE:
-                np.negative(dynamics.sole_jacobians[side].T, out=data.A[DYNAMICS, columns])
-                data.l[cone], data.u[NORMAL.start + side] = 0.0, normal_force_max[side]
+                np.negative(dynamics.sole_jacobians[side].T, out=wrench)
+                cone[:], data.u[NORMAL.start + side] = 0.0, normal_force_max[side]
             else:
                 # No wrench at all is equivalent to a cone squeezed to a point, but has no
                 # degenerate corner, in which a first-order solver converges slowly.
-                data.A[DYNAMICS, columns] = 0.0
-                data.l[cone], data.u[NORMAL.start + side] = -INFINITY, INFINITY
-            data.q[columns.start + FZ] = -weight * normal_force_desired[side]
-        np.subtract(self._lowest_torque, dynamics.bias_force, out=data.l[DYNAMICS])
-        np.subtract(self._highest_torque, dynamics.bias_force, out=data.u[DYNAMICS])
+                wrench[:] = 0.0
+                cone[:], data.u[NORMAL.start + side] = -INFINITY, INFINITY
+            data.q[FORCES[side].start + FZ] = -weight * normal_force_desired[side]
+        np.subtract(self._lowest_torque, dynamics.bias_force, out=self._lowest)
+        np.subtract(self._highest_torque, dynamics.bias_force, out=self._highest)
         data.l[ARM_BOUNDS], data.u[ARM_BOUNDS] = self._arm_bounds(dynamics)
         clearance = dynamics.clearance
         data.B, data.b = clearance.jacobian, clearance.distance

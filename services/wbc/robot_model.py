@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from common.robot import frames, joints
-from common.robot.rotations import matrix_from_quaternion
+from common.robot.rotations import rotate_vector
 from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.clearance import Clearance, ClearanceModel
@@ -71,15 +71,16 @@ class RobotState(NamedTuple):
     @classmethod
     def from_plant(cls, state: PlantState) -> "RobotState":
         """Convert a state message: base velocity to the body frame, quaternion to scalar last."""
-        rotation = matrix_from_quaternion(state.base_quaternion)
         w, x, y, z = state.base_quaternion.tolist()
+        norm = hypot(w, x, y, z)
+        w, x, y, z = w / norm, x / norm, y / norm, z / norm
         unit = np.array((x, y, z, w))
-        unit /= hypot(w, x, y, z)
+        to_body = np.array((w, -x, -y, -z))
         return cls(
             np.concatenate((state.base_position, unit, state.joint_position)),
             np.concatenate(
                 (
-                    rotation.T.dot(state.base_linear_velocity),
+                    rotate_vector(to_body, state.base_linear_velocity),
                     state.base_angular_velocity,
                     state.joint_velocity,
                 )

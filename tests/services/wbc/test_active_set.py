@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from services.wbc.active_set import ActiveSet
 from services.wbc.qp import CONES, FORCES, NORMAL, TORQUE, QpData
@@ -51,9 +52,9 @@ def test_without_inequalities_that_bind_no_solver_is_asked(walk: list[Tick]) -> 
         assert ActiveSet(Unwanted()).solve(data).solved
 
 
-def _bound(data: QpData, x: Array) -> Array:
+def _bound(data: QpData, x: Array) -> NDArray[np.bool_]:
     rows = data.A @ x
-    met: Array = np.minimum(np.abs(rows - data.l), np.abs(rows - data.u)) < 1e-6
+    met: NDArray[np.bool_] = np.minimum(np.abs(rows - data.l), np.abs(rows - data.u)) < 1e-6
     return met[6:]
 
 
