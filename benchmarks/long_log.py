@@ -11,7 +11,7 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +57,8 @@ from services.teleop.scripted.service import ScriptedOperator
 from services.wbc.service import WbcService
 
 ROBOT = "draco3"
-MINUTE_NS = 60_000_000_000
-_PERIOD_S = 0.01
+_TICKS = 100
+"""Of simulated time in a second."""
 _FLUSH_NS = 250_000_000
 """Between the ends of two chunks, as a recorder ends them [ns]."""
 _GAITS = 100
@@ -71,34 +71,61 @@ Repeat = Callable[[int], bytes]
 """Returns the bytes of a message in a repetition, numbered from 0."""
 
 
-def record_minute() -> list[RawSample]:
-    """Return the messages of a minute in the order of sending."""
+@dataclass(frozen=True)
+class Part:
+    """What is repeated.
+
+    Attributes:
+        span_ns: its length [ns].
+        samples: its messages in the order of sending.
+        messages: their number by topic, source and boot id.
+        steps: number of steps by service.
+    """
+
+    span_ns: int
+    samples: list[RawSample]
+    messages: Counter[tuple[str, str, int]] = field(default_factory=Counter)
+    steps: Counter[str] = field(default_factory=Counter)
+
+    def __post_init__(self) -> None:
+        for sample in self.samples:
+            topic, (_, header, _) = topic_of(ROBOT, sample.key), _split(sample.payload)
+            assert topic is not None
+            self.messages[topic.name, header["source"], header["boot"]] += 1
+            if topic is JOURNAL:
+                journal = _cut(decode(sample.payload, StepJournal), self.span_ns)
+                self.steps[journal.service] += len(journal.steps) // (8 * len(STEP_COLUMNS))
+
+
+def record_part(seconds: int = 60) -> Part:
+    """Record a walking robot."""
+    span_ns = seconds * 1_000_000_000
     operator = ScriptedOperator(random_walk(ScriptOptions(count=_GAITS)))
     services = [PlantService(SimConfig()), WbcService(), operator]
     with SimTimeRunner(services, robot=ROBOT, record=True) as runner:
-        for tick in range(round(1e-9 * MINUTE_NS / _PERIOD_S)):
+        for tick in range(_TICKS * seconds):
             for topic, message, source in _surroundings(tick, [one.name for one in services]):
                 runner.inject(topic, message, source)
-            runner.run_for(_PERIOD_S)
+            if tick in {_TICKS // 2, _TICKS * seconds - 1}:
+                action = EpisodeAction.END if tick > _TICKS else EpisodeAction.START
+                runner.inject(EPISODE, EpisodeMark(episode=0, action=action, label="walk"), "mark")
+            runner.run_for(1.0 / _TICKS)
         # The journals of the last steps come a little later.
         runner.run_for(0.5)
-        return [sample for sample in runner.log if _is_of_minute(sample)]
+        return Part(span_ns, [one for one in runner.log if _is_within(one, span_ns)])
 
 
-def _is_of_minute(sample: RawSample) -> bool:
-    if sample.arrival_ns < MINUTE_NS:
+def _is_within(sample: RawSample, span_ns: int) -> bool:
+    if sample.arrival_ns < span_ns:
         return True
     if topic_of(ROBOT, sample.key) is not JOURNAL:
         return False
     steps, _ = read_tables(decode(sample.payload, StepJournal))
-    return bool(steps[0, 0] < MINUTE_NS)
+    return bool(steps[0, 0] < span_ns)
 
 
 def _surroundings(tick: int, services: Iterable[str]) -> Iterator[tuple[Topic[Any], Message, str]]:
     """Yield what those services send that simulated time does without."""
-    if tick in {100, 5900}:
-        action = EpisodeAction.START if tick == 100 else EpisodeAction.END
-        yield EPISODE, EpisodeMark(episode=0, action=action, label="walk"), "mark"
     if tick % 5 == 0:
         for topic, eye in ((CAMERA_LEFT, "left"), (CAMERA_RIGHT, "right")):
             yield topic, _picture(eye, tick), "cameras"
@@ -120,14 +147,6 @@ def _picture(eye: str, tick: int) -> CameraFrame:
     return CameraFrame.model_validate(fields)
 
 
-@dataclass(frozen=True)
-class _Counts:
-    """What a minute holds: messages by (topic, sender), steps by service."""
-
-    messages: Counter[tuple[str, str, int]]
-    steps: Counter[str]
-
-
 def _split(payload: bytes) -> tuple[bytes, dict[str, Any], bytes]:
     """Return a message's bytes before its header, the header, and the bytes behind it."""
     unpacker = msgpack.Unpacker()
@@ -139,29 +158,29 @@ def _split(payload: bytes) -> tuple[bytes, dict[str, Any], bytes]:
     return payload[:start], header, payload[unpacker.tell() :]
 
 
-def _continued(sample: RawSample, counts: _Counts) -> Repeat:
+def _continued(sample: RawSample, part: Part) -> Repeat:
     """Return how a message is repeated as one run goes on."""
     start, header, rest = _split(sample.payload)
     topic = topic_of(ROBOT, sample.key)
     assert topic is not None
-    sent = counts.messages[topic.name, header["source"], header["boot"]]
+    span_ns, sent = part.span_ns, part.messages[topic.name, header["source"], header["boot"]]
     first, times = header["seq"], {n: header[n] for n in ("stamp", "captured", "sent")}
     if topic is JOURNAL:
-        times["sent"] = min(times["sent"], MINUTE_NS - 1)
+        times["sent"] = min(times["sent"], span_ns - 1)
 
     def header_of(number: int) -> dict[str, Any]:
-        shifted = {name: at + number * MINUTE_NS for name, at in times.items()}
+        shifted = {name: at + number * span_ns for name, at in times.items()}
         return {**header, **shifted, "seq": first + number * sent}
 
     if topic is JOURNAL:
-        journal = _without_payloads(decode(sample.payload, StepJournal))
+        journal = _cut(decode(sample.payload, StepJournal), span_ns)
         return lambda number: encode(
-            _continued_journal(journal, counts, number), Header(**header_of(number))
+            _continued_journal(journal, part, number), Header(**header_of(number))
         )
     counter = {**_NUMBERED, EPISODE: "episode"}.get(topic)
     if counter is not None:
         # Numbers of gait requests are times in milliseconds.
-        step = 1 if topic is EPISODE else MINUTE_NS // 1_000_000
+        step = 1 if topic is EPISODE else span_ns // 1_000_000
         message: Message = decode(sample.payload, topic.schema)
         value = getattr(message, counter)
         return lambda number: encode(
@@ -171,26 +190,26 @@ def _continued(sample: RawSample, counts: _Counts) -> Repeat:
     return lambda number: b"".join((start, msgpack.packb(header_of(number)), rest))
 
 
-def _without_payloads(journal: StepJournal) -> StepJournal:
-    """Return a journal up to the minute's end, of messages that are all in the log themselves."""
+def _cut(journal: StepJournal, span_ns: int) -> StepJournal:
+    """Return a journal up to the part's end, without the messages: all are in the log."""
     steps, inputs = read_tables(journal)
-    kept = steps[steps[:, 0] < MINUTE_NS]
+    kept = steps[steps[:, 0] < span_ns]
     rows = inputs[inputs[:, 0] < len(kept)].copy()
     rows[:, _SIZE] = 0
     update = {"steps": kept.tobytes(), "inputs": rows.tobytes(), "payloads": b""}
     return journal.model_copy(update=update)
 
 
-def _continued_journal(journal: StepJournal, counts: _Counts, number: int) -> StepJournal:
+def _continued_journal(journal: StepJournal, part: Part, number: int) -> StepJournal:
     steps, inputs = (table.copy() for table in read_tables(journal))
-    steps += number * MINUTE_NS
-    inputs[:, _TIMES] += number * MINUTE_NS
-    sent = [counts.messages[one.topic, one.source, one.boot] for one in journal.sources]
+    steps += number * part.span_ns
+    inputs[:, _TIMES] += number * part.span_ns
+    sent = [part.messages[one.topic, one.source, one.boot] for one in journal.sources]
     if len(inputs):
         inputs[:, _SEQ] += number * np.array(sent)[inputs[:, _SOURCE]]
     return journal.model_copy(
         update={
-            "first_step": journal.first_step + number * counts.steps[journal.service],
+            "first_step": journal.first_step + number * part.steps[journal.service],
             "steps": steps.tobytes(),
             "inputs": inputs.tobytes(),
             "settings": "" if number else journal.settings,
@@ -198,14 +217,14 @@ def _continued_journal(journal: StepJournal, counts: _Counts, number: int) -> St
     )
 
 
-def _restarted(sample: RawSample, counts: _Counts) -> Repeat:
+def _restarted(sample: RawSample, part: Part) -> Repeat:
     """Return how a message is repeated by services that are started anew."""
     payload = sample.payload
     if topic_of(ROBOT, sample.key) is JOURNAL:
         journal = decode(payload, StepJournal)
-        payload = encode(_without_payloads(journal), journal.header)
+        payload = encode(_cut(journal, part.span_ns), journal.header)
     fields = msgpack.unpackb(payload)
-    boots = {boot for _, _, boot in counts.messages}
+    boots = {boot for _, _, boot in part.messages}
     return lambda number: msgpack.packb(_with_boots(fields, boots, number))
 
 
@@ -218,33 +237,19 @@ def _with_boots(value: Any, boots: set[int], number: int) -> Any:
     return value + number if isinstance(value, int) and value in boots else value
 
 
-def _counted(samples: Iterable[RawSample]) -> _Counts:
-    counts = _Counts(Counter(), Counter())
-    for sample in samples:
-        topic, (_, header, _) = topic_of(ROBOT, sample.key), _split(sample.payload)
-        assert topic is not None
-        counts.messages[topic.name, header["source"], header["boot"]] += 1
-        if topic is JOURNAL:
-            journal = _without_payloads(decode(sample.payload, StepJournal))
-            counts.steps[journal.service] += len(journal.steps) // (8 * len(STEP_COLUMNS))
-    return counts
-
-
-def write_long_log(path: Path, minutes: int, *, restarts: bool = False) -> int:
-    """Write a log of ``minutes`` to the new file ``path``; return its number of messages.
+def write_long_log(path: Path, part: Part, times: int, *, restarts: bool = False) -> int:
+    """Write ``part`` so many ``times`` to the new file ``path``; return the number of messages.
 
     Raises:
         LoggerError: it cannot be written.
     """
-    samples = record_minute()
-    counts = _counted(samples)
     way = _restarted if restarts else _continued
-    parts = [(sample, way(sample, counts)) for sample in samples]
+    parts = [(sample, way(sample, part)) for sample in part.samples]
     sink, delivery, due = McapSink(path, ROBOT, LoggerConfig()), DeliveryStats(), _FLUSH_NS
-    with ProgressBar(path.name, minutes) as bar:
-        for number in range(minutes):
+    with ProgressBar(path.name, times) as bar:
+        for number in range(times):
             for sample, repeat in parts:
-                at = min(sample.arrival_ns, MINUTE_NS - 1) + number * MINUTE_NS
+                at = min(sample.arrival_ns, part.span_ns - 1) + number * part.span_ns
                 payload = repeat(number)
                 header = Header.model_construct(**_split(payload)[1])
                 if at >= due:
@@ -255,7 +260,7 @@ def write_long_log(path: Path, minutes: int, *, restarts: bool = False) -> int:
             bar.advance()
     sink.note(DELIVERY_METADATA, delivery.to_metadata())
     sink.close(sync=False)
-    return minutes * len(parts)
+    return times * len(parts)
 
 
 def main() -> int:
@@ -267,7 +272,8 @@ def main() -> int:
     parser.add_argument("--minutes", type=int, default=60, help="its length (60)")
     parser.add_argument("--restarts", action="store_true", help="start all services every minute")
     arguments = parser.parse_args()
-    count = write_long_log(arguments.out, arguments.minutes, restarts=arguments.restarts)
+    part = record_part()
+    count = write_long_log(arguments.out, part, arguments.minutes, restarts=arguments.restarts)
     print(f"{arguments.out}: {count} messages, {arguments.out.stat().st_size / 1e6:.0f} MB")
     return 0
 
