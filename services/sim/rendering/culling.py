@@ -16,7 +16,7 @@ class Culling:
     """Moves the geoms outside the picture into a hidden group.
 
     A geom is outside if its bounding sphere is beyond one of five planes: the picture's four edges
-    and the camera's own plane. It could not have put a pixel into the picture, which stays the same.
+    and the camera's own plane. It could put no pixel into the picture, which stays the same.
     """
 
     def __init__(self, model: Any, aspect: float) -> None:
