@@ -89,7 +89,9 @@ class PlantRemote:
         button, publisher = StopButton(), self._publisher(ESTOP)
         button.press(reason, time.monotonic_ns())
         due = 0.0
-        for heard in self._polls("confirmed the stop"):
+        polls = self._polls("confirmed the stop")
+        while True:
+            heard = next(polls)
             now = time.monotonic()
             if heard is not None or now >= due:
                 due = now + STOP_PERIOD
@@ -98,7 +100,6 @@ class PlantRemote:
                         publisher.send(message)
             if button.pressed_ns is None and heard is not None:
                 return heard
-        raise AssertionError
 
     def clear(self, reason: str) -> tuple[PlantStatus, PlantStatus]:
         """End the stop that is latched now; return the status before and after.
@@ -109,7 +110,9 @@ class PlantRemote:
             LabError: the plant does not answer or does not end the stop, or was stopped again.
         """
         publisher, before, due = self._publisher(ESTOP_CLEAR), None, 0.0
-        for heard in self._polls("ended the stop"):
+        polls = self._polls("ended the stop")
+        while True:
+            heard = next(polls)
             before = before or heard
             if before is None:
                 continue
@@ -123,7 +126,6 @@ class PlantRemote:
             if time.monotonic() >= due:
                 due = time.monotonic() + CLEAR_PERIOD
                 publisher.send(EstopClear(reason=reason, stops=before.stops))
-        raise AssertionError
 
     def reset(self, seed: int) -> PlantStatus:
         """Reset the plant (-1: with its next seed); return a status from after the reset.
@@ -132,7 +134,9 @@ class PlantRemote:
             LabError: the plant does not answer, or does not reset.
         """
         publisher, count, due = self._publisher(PLANT_REQUEST), None, 0.0
-        for heard in self._polls("shown a reset (a paused plant shows none until it goes on)"):
+        polls = self._polls("shown a reset (a paused plant shows none until it goes on)")
+        while True:
+            heard = next(polls)
             if self.state is not None and count is None:
                 count = self.state.reset_count
             if count is None or self.state is None:
@@ -143,7 +147,6 @@ class PlantRemote:
                     publisher.send(PlantRequest(action=PlantAction.RESET, seed=seed))
             elif heard is not None:
                 return heard
-        raise AssertionError
 
     def _publisher(self, topic: Topic[Any]) -> Publisher[Any]:
         return Publisher(self._session, self._bus.robot, topic, self._name, self._boot)

@@ -7,42 +7,12 @@ import pytest
 
 from common.plant.config import GuardConfig
 from common.plant.guard import Guard, Refusal, refuse_values
-from common.plant.reentry import DURATION_NS, FARTHEST, is_far
 from common.plant.stop import StopRecord
-from common.robot.joints import JOINT_INDEX, NOMINAL_POSITION, POSITION_UPPER
+from common.robot.joints import POSITION_UPPER
 from common.schemas import GuardMode, Header, JointCommand
 from tests.services.sim.support import MS, make_command
 
-EPOCH = 1000 * MS
-NOW = EPOCH + 10 * MS
-
-
-def one_joint(name: str, value: float) -> Any:
-    vector = np.zeros(27)
-    vector[JOINT_INDEX[name]] = value
-    return vector
-
-
-def offer(guard: Guard, command: JointCommand, now_ns: int, measured: Any = None) -> bool:
-    """Offer a command to a robot in the commanded posture, unless it is ``measured`` elsewhere."""
-    return guard.offer(command, now_ns, NOMINAL_POSITION if measured is None else measured)
-
-
-def mode(guard: Guard) -> GuardMode:
-    return guard.mode
-
-
-@pytest.fixture
-def guard() -> Guard:
-    guard = Guard(GuardConfig(hold_after=0.1, damp_after=5.0))
-    guard.reset(EPOCH)
-    return guard
-
-
-@pytest.fixture
-def active(guard: Guard) -> Guard:
-    assert offer(guard, make_command(NOW), NOW)
-    return guard
+from .support import EPOCH, NOW, mode, offer, one_joint
 
 
 def test_silent_until_the_first_command(guard: Guard) -> None:
@@ -345,78 +315,3 @@ def test_a_missing_button_holds_at_once_and_a_dead_controller_still_goes_limp(
     assert watched.tick(NOW + 500 * MS + 1, fallen=False) is GuardMode.HOLD
     assert watched.tick(now + 5000 * MS, fallen=False) is GuardMode.HOLD
     assert watched.tick(now + 5000 * MS + 1, fallen=False) is GuardMode.DAMP
-
-
-ELBOW = JOINT_INDEX["l_elbow_fe"]
-
-
-def away(distance: float) -> Any:
-    """Nominal positions with one joint elsewhere [rad]."""
-    position = NOMINAL_POSITION.copy()
-    position[ELBOW] += distance
-    return position
-
-
-@pytest.mark.parametrize("silence_ms", [0, 500, 6000])
-def test_a_robot_taken_over_follows_no_command_that_is_far_off(
-    guard: Guard, silence_ms: int
-) -> None:
-    now = NOW
-    if silence_ms:
-        assert offer(guard, make_command(NOW), NOW)
-        now += silence_ms * MS
-        guard.tick(now, fallen=False)
-    for distance in (-0.4, 0.4, 0.31):
-        assert not offer(guard, make_command(now), now, measured=away(distance))
-        assert guard.last_refusal is Refusal.FAR
-    assert mode(guard) is not GuardMode.ACTIVE
-    assert offer(guard, make_command(now), now, measured=away(0.29))
-    for soon in range(now + 50 * MS, now + DURATION_NS + 1, 50 * MS):
-        assert guard.tick(soon, fallen=False) is GuardMode.ACTIVE
-        assert not offer(guard, make_command(soon), soon, measured=away(0.31)), "still taking over"
-        assert offer(guard, make_command(soon), soon)
-
-
-def test_once_taken_over_commands_may_be_anywhere(guard: Guard) -> None:
-    for ms in range(0, 502, 2):
-        assert offer(guard, make_command(NOW + ms * MS), NOW + ms * MS)
-        guard.tick(NOW + ms * MS, fallen=False)
-    now = NOW + DURATION_NS + 1
-    assert offer(guard, make_command(now), now, measured=away(0.8))
-    assert guard.eased(NOMINAL_POSITION, now, away(0.8)) is NOMINAL_POSITION
-
-
-def test_a_joint_that_has_moved_on_since_the_measurement_is_not_far(guard: Guard) -> None:
-    now = NOW + 90 * MS
-    command = make_command(NOW, velocity=one_joint("l_elbow_fe", 5.0))
-    assert not offer(guard, command, now, measured=away(0.45 - 0.31))
-    assert not offer(guard, command, now, measured=away(0.45 + 0.31))
-    assert offer(guard, command, now, measured=away(0.45))
-
-
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_set_points_start_where_the_joints_are_and_leave_at_a_bounded_rate(
-    guard: Guard, sign: float
-) -> None:
-    measured = away(-0.25 * sign)
-    reached = []
-    for ms in range(0, 510, 10):
-        now = NOW + ms * MS
-        assert offer(guard, make_command(now), now, measured=measured)
-        applied = guard.eased(NOMINAL_POSITION, now, measured)
-        assert (np.delete(applied, ELBOW) == np.delete(NOMINAL_POSITION, ELBOW)).all()
-        reached.append(sign * (applied[ELBOW] - measured[ELBOW]))
-    assert reached[0] == pytest.approx(0.02)
-    assert np.diff(reached[:24]) == pytest.approx(0.01), "1 rad/s"
-    assert np.array(reached[23:]) == pytest.approx(0.25)
-
-
-def test_the_farthest_is_not_too_far() -> None:
-    origin = make_command(NOW, position=np.zeros(27))
-    assert not is_far(origin, NOW, one_joint("l_elbow_fe", FARTHEST))
-    assert is_far(origin, NOW, one_joint("l_elbow_fe", np.nextafter(FARTHEST, 1.0)))
-
-
-def test_a_command_that_expects_nan_is_far(guard: Guard) -> None:
-    assert not offer(guard, make_command(NOW), NOW, measured=away(np.nan))
-    assert guard.last_refusal is Refusal.FAR
