@@ -32,10 +32,13 @@ class Culling:
         # Planes have no bounding sphere; MuJoCo says 0.
         self._radii: Array = np.where(model.geom_rbound > 0.0, model.geom_rbound, np.inf)
 
-    def hide_unseen(self, data: Any, camera: Any) -> None:
-        """Hide what ``camera``, the ``mujoco.MjvGLCamera`` of an updated scene, cannot see."""
-        normals = _outward_normals(camera, self._aspect)
-        distances = (data.geom_xpos - camera.pos) @ normals.T
+    def hide_unseen(self, data: Any, scene: Any) -> None:
+        """Hide what the camera of ``scene``, a ``mujoco.MjvScene``, cannot see."""
+        left, right = scene.camera
+        # A picture for both eyes is taken from between them.
+        eye = 0.5 * (left.pos + right.pos)
+        normals = _outward_normals(left, self._aspect)
+        distances = (data.geom_xpos - eye) @ normals.T
         outside = (distances > self._radii[:, None]).any(axis=1)
         self._model.geom_group[:] = np.where(outside, _HIDDEN_GROUP, self._groups)
 

@@ -95,7 +95,7 @@ class Offscreen:
         """Return a new picture of ``data`` (after ``mj_kinematics``) through ``camera``."""
         if self._culling is not None:
             mujoco.mjv_updateCamera(self._model, data, camera, self._scene)
-            self._culling.hide_unseen(data, self._scene.camera[0])
+            self._culling.hide_unseen(data, self._scene)
         mujoco.mjv_updateScene(
             self._model,
             data,

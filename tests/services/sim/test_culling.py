@@ -50,5 +50,5 @@ def test_a_geom_goes_when_its_sphere_leaves_the_picture(y: float, group: int) ->
     scene, camera = mujoco.MjvScene(model, 10), mujoco.MjvCamera()
     camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED, 0
     mujoco.mjv_updateCamera(model, data, camera, scene)
-    Culling(model, 2.0).hide_unseen(data, scene.camera[0])
+    Culling(model, 2.0).hide_unseen(data, scene)
     assert model.geom_group[0] == group

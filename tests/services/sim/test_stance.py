@@ -87,5 +87,7 @@ def test_closure_and_jaw_agree() -> None:
     commands = [jaw_command(closure) for closure in closures]
     assert commands == pytest.approx([0.045, 0.03375, 0.0225, 0.0045])
     assert [jaw_closure(finger) for finger in commands] == pytest.approx(closures)
-    assert [jaw_command(closure) for closure in (1.0, 1.5, -1.0)] == pytest.approx([-0.02, -0.02, 0.045])
+    assert [jaw_command(closure) for closure in (1.0, 1.5, -1.0)] == pytest.approx(
+        [-0.02, -0.02, 0.045]
+    )
     assert [jaw_closure(finger) for finger in (-0.001, 0.046)] == [1.0, 0.0]
