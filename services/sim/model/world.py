@@ -121,7 +121,6 @@ def _add_lights(spec: Any) -> None:
     visual.headlight.ambient = [0.34, 0.35, 0.37]
     visual.headlight.diffuse = [0.22, 0.22, 0.22]
     visual.headlight.specular = [0.0, 0.0, 0.0]
-    visual.global_.offwidth, visual.global_.offheight = 1920, 1080
     visual.quality.shadowsize = 4096
     # The floor fades into the sky at zfar; beyond it lies nothing.
     visual.map.znear, visual.map.zfar = 0.02, 12.0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.packages import graphics_hint
 from services.sim.errors import RenderingUnavailableError
+from services.sim.rendering.culling import Culling
 
 Image = NDArray[np.uint8]
 """(height, width, 3) RGB, row 0 on top."""
@@ -23,6 +24,8 @@ _INSTALL = (
 _SHADOW_NEAR = 0.005
 """Near plane of pictures with shadows, in extents of the model. The light's depth map has the same
 near plane; with a farther one its shadows speckle the floor."""
+_PLAIN_SHAPES = (12, 6, 1)
+"""Slices, stacks and quads of MuJoCo's shapes in plain pictures."""
 
 
 def _remedy() -> str:
@@ -47,10 +50,10 @@ class Offscreen:
         """Open a context.
 
         Args:
-            model: the ``mujoco.MjModel``; its off-screen buffer must be large enough.
+            model: the ``mujoco.MjModel``; its settings of pictures are changed.
             width: [pixels].
             height: [pixels].
-            plain: neither shadows nor reflections, for speed.
+            plain: for speed, neither shadows nor reflections, and round shapes have few sides.
             max_geoms: largest number of geoms.
 
         Raises:
@@ -69,10 +72,18 @@ class Offscreen:
                 f"no off-screen OpenGL: {_remedy()} ({type(error).__name__}: {error})"
             ) from error
         self._model = model
-        if not plain:
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        if plain:
+            quality = model.vis.quality
+            quality.numslices, quality.numstacks, quality.numquads = _PLAIN_SHAPES
+        else:
             model.vis.map.znear = min(model.vis.map.znear, _SHADOW_NEAR)
+        # A shadow may be cast into the picture from outside it.
+        self._culling = Culling(model, width / height) if plain else None
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        if plain:
+            _sample_once(self._context)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._scene = mujoco.MjvScene(model, max_geoms)
         self._option = mujoco.MjvOption()
@@ -82,6 +93,9 @@ class Offscreen:
 
     def render(self, data: Any, camera: Any) -> Image:
         """Return a new picture of ``data`` (after ``mj_kinematics``) through ``camera``."""
+        if self._culling is not None:
+            mujoco.mjv_updateCamera(self._model, data, camera, self._scene)
+            self._culling.hide_unseen(data, self._scene)
         mujoco.mjv_updateScene(
             self._model,
             data,
@@ -109,6 +123,23 @@ class Offscreen:
     def __del__(self) -> None:
         if not sys.is_finalizing():  # by then the display itself is gone
             self.close()
+
+
+def _sample_once(context: Any) -> None:
+    """Read each pixel of a texture from one texel: with software OpenGL the rest is dear.
+
+    The sky, a gradient, needs no mipmaps either.
+    """
+    from OpenGL import GL
+
+    count = context.ntexture
+    for name, kind in zip(context.texture[:count], context.textureType[:count], strict=True):
+        sky = kind == mujoco.mjtTexture.mjTEXTURE_SKYBOX.value
+        target = GL.GL_TEXTURE_CUBE_MAP if sky else GL.GL_TEXTURE_2D
+        nearest = GL.GL_NEAREST if sky else GL.GL_NEAREST_MIPMAP_NEAREST
+        GL.glBindTexture(target, int(name))
+        GL.glTexParameteri(target, GL.GL_TEXTURE_MIN_FILTER, nearest)
+        GL.glTexParameteri(target, GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST)
 
 
 def fixed_camera(model: Any, name: str) -> Any:

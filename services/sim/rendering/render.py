@@ -120,13 +120,14 @@ def render_states(
 
     Args:
         states: of the robot, in the order of time.
-        width: at most 1920 [pixels].
-        height: at most 1080 [pixels].
+        width: [pixels].
+        height: [pixels].
         camera: a camera, or the name of one of the model's (``"left"``, ``"right"``); None: the
             default camera that follows.
         scene: name of the surroundings.
         objects: states of the scene, one for each robot state; None: the scene does not move.
-        fast: no shadows, reflections or smooth edges: with software OpenGL a tenth of the time.
+        fast: no shadows, reflections, smooth edges or fine shapes: with software OpenGL a tenth
+            of the time.
 
     Raises:
         RenderingUnavailableError: no off-screen OpenGL is available.
