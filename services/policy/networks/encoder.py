@@ -68,6 +68,8 @@ class Encoder(nn.Module):
         )
         self.points = SpatialSoftmax(self.trunk.channels, config.key_points)
         self.features = nn.Linear(2 * config.key_points, config.features)
+        # As the pictures are: a processor core serves the paper's network in half the time.
+        self.to(memory_format=torch.channels_last)
 
     def forward(self, pictures: Tensor) -> Tensor:
         """Return features (n, features) of 8-bit pictures (n, height, width, 3).

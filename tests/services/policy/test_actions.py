@@ -36,7 +36,8 @@ def test_a_pose_difference_is_in_the_frame_of_the_previous_set_point() -> None:
     before = np.concatenate(([0.3, 0.2, 0.1], turned, [0.3, -0.2, 0.1], [1.0, 0.0, 0.0, 0.0]))
     after = before.copy()
     after[[1, 8]] += 0.01
-    action = PoseDifferences().encode(np.stack((before, after)), np.zeros(2), np.zeros((2, 1)))
+    frames = np.zeros((2, 1), dtype=np.int64)
+    action = PoseDifferences().encode(np.stack((before, after)), np.zeros(2), frames)
     np.testing.assert_allclose(action[1, 0, :3], [0.01, 0.0, 0.0], atol=1e-15)
     np.testing.assert_allclose(action[1, 0, 7:10], [0.0, 0.01, 0.0], atol=1e-15)
     np.testing.assert_allclose(action[0, 0], [0, 0, 0, 1, 0, 0, 0] * 2, atol=1e-15)
