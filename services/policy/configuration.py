@@ -16,13 +16,13 @@ Profile = Literal["cpu", "paper"]
 Cameras = tuple[Literal["left", "right"], ...]
 
 
-class Config(BaseModel):
-    """Base of the configuration's tables: frozen, no unknown keys, no NaN."""
+class StrictModel(BaseModel):
+    """Base of the configuration's and a checkpoint's tables: frozen, no unknown keys, no NaN."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class InputConfig(Config):
+class InputConfig(StrictModel):
     """What a policy observes in each frame."""
 
     vision: Literal["stereo", "monoscopic", "blind"] = Field(
@@ -83,7 +83,7 @@ def _width(path: str) -> int:
     return len(BY_PATH[path].names)
 
 
-class _EncoderConfig(Config):
+class _EncoderConfig(StrictModel):
     key_points: int = Field(default=32, ge=1, description="channels of the spatial soft-max")
     features: int = Field(default=64, ge=1, description="numbers that describe a picture")
 
@@ -119,14 +119,14 @@ class ConvolutionConfig(_EncoderConfig):
         return self
 
 
-class MemoryConfig(Config):
+class MemoryConfig(StrictModel):
     """The LSTM."""
 
     layers: int = Field(default=2, ge=1, description="layers")
     hidden: int = Field(default=400, ge=1, description="units of a layer")
 
 
-class MixtureConfig(Config):
+class MixtureConfig(StrictModel):
     """The Gaussian mixture of the hands."""
 
     modes: int = Field(default=5, ge=1, description="number of Gaussians")
@@ -135,7 +135,7 @@ class MixtureConfig(Config):
     )
 
 
-class DifferenceConfig(Config):
+class DifferenceConfig(StrictModel):
     """Hand actions as pose differences from the previous set-point, as in the paper."""
 
     kind: Literal["differences"] = "differences"
@@ -146,7 +146,7 @@ class DifferenceConfig(Config):
         return (1, 14)
 
 
-class ChunkConfig(Config):
+class ChunkConfig(StrictModel):
     """Hand and neck actions as the next absolute set-points; not in the paper."""
 
     kind: Literal["chunks"] = "chunks"
@@ -163,7 +163,7 @@ class ChunkConfig(Config):
         return (self.steps, 13)
 
 
-class LossConfig(Config):
+class LossConfig(StrictModel):
     """Weights of the terms of the loss, and how the gait trigger is trained."""
 
     hands: float = Field(default=1.0, ge=0.0, description="negative log-likelihood of a set-point")
@@ -178,14 +178,13 @@ class LossConfig(Config):
     )
 
 
-class PolicyConfig(Config):
+class PolicySettings(StrictModel):
     """What every kind of policy has."""
 
     inputs: InputConfig = InputConfig()
     encoder: Annotated[ResNetConfig | ConvolutionConfig, Field(discriminator="kind")] = (
         ResNetConfig()
     )
-    memory: MemoryConfig | None = MemoryConfig()
     mlp: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         default=(1024, 1024), min_length=1, description="units of the layers after the memory"
     )
@@ -199,21 +198,36 @@ class PolicyConfig(Config):
     loss: LossConfig = LossConfig()
 
     @property
+    def recurrence(self) -> MemoryConfig | None:
+        """The LSTM; None: the policy is reactive."""
+        return None
+
+    @property
     def memory_shape(self) -> tuple[int, int, int]:
         """Shape of the recurrent state: hidden and cell, layers, units; empty without an LSTM.
 
         It is one float32 array, zero at the start, that may travel with a request.
         """
-        return (2, self.memory.layers, self.memory.hidden) if self.memory else (2, 0, 0)
+        lstm = self.recurrence
+        return (2, lstm.layers, lstm.hidden) if lstm else (2, 0, 0)
 
     @classmethod
     def profile(cls, name: Profile) -> Self:
         """Return the configuration of a profile."""
-        given = dict(_PROFILES[name])
-        # A policy without memory has no choice of one.
-        if cls.model_fields["memory"].default is None:
-            given.pop("memory", None)
-        return cls(**given)
+        # A reactive policy has no memory to be chosen.
+        known = {key: part for key, part in _PROFILES[name].items() if key in cls.model_fields}
+        return cls(**known)
+
+
+class RecurrentSettings(PolicySettings):
+    """What every kind of policy with a memory has."""
+
+    memory: MemoryConfig = MemoryConfig()
+
+    @property
+    def recurrence(self) -> MemoryConfig | None:
+        """The LSTM."""
+        return self.memory
 
 
 _PROFILES: dict[Profile, dict[str, Any]] = {

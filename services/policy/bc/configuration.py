@@ -2,12 +2,15 @@
 
 from typing import Literal
 
-from services.policy.configuration import PolicyConfig
+from pydantic import Field
+
+from services.policy.configuration import PolicySettings
 
 
-class BcConfig(PolicyConfig):
+class BcConfig(PolicySettings):
     """BC: the current frame decides; hands, grippers and locomotion are regressed as one vector."""
 
     kind: Literal["bc"] = "bc"
-    memory: None = None
-    deterministic: bool = True
+    deterministic: bool = Field(
+        default=True, description="one set-point and its squared error; false: a mixture"
+    )

@@ -2,10 +2,10 @@
 
 from typing import Literal
 
-from services.policy.configuration import PolicyConfig
+from services.policy.configuration import RecurrentSettings
 
 
-class BcRnnConfig(PolicyConfig):
+class BcRnnConfig(RecurrentSettings):
     """BC-RNN: hands, grippers and locomotion are one vector of one mixture."""
 
     kind: Literal["bc-rnn"] = "bc-rnn"

@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 
 from common.episodes.columns import RATE
 from common.errors import explain
-from services.policy.configuration import Config, PolicyConfig
+from services.policy.configuration import PolicySettings, StrictModel
 from services.policy.errors import CheckpointError
 from services.policy.kinds import CONFIGS, AnyConfig
 from services.policy.processor.processor import Processor
@@ -27,7 +27,7 @@ SCHEMA_VERSION: Final = 1
 MANIFEST, PROCESSOR, NETWORK = "config.json", "processor.json", "network.safetensors"
 
 
-class Origin(Config):
+class Origin(StrictModel):
     """Where a checkpoint comes from.
 
     Attributes:
@@ -45,7 +45,7 @@ class Origin(Config):
     operator: str
 
 
-class Schema(Config):
+class Schema(StrictModel):
     """What goes into a policy and comes out of it.
 
     Attributes:
@@ -67,7 +67,7 @@ class Schema(Config):
     rate: int
 
 
-def schema_of(config: PolicyConfig) -> Schema:
+def schema_of(config: PolicySettings) -> Schema:
     """Return the schema that this version of the code gives a configuration."""
     return Schema(
         observation=tuple(config.inputs.parts.items()),
@@ -80,7 +80,7 @@ def schema_of(config: PolicyConfig) -> Schema:
     )
 
 
-class Manifest(Config):
+class Manifest(StrictModel):
     """Describes a checkpoint.
 
     Attributes:
@@ -102,7 +102,7 @@ class Manifest(Config):
     digests: dict[str, str]
 
 
-class Description(Config):
+class Description(StrictModel):
     """What can be known of a checkpoint without torch: enough for the robot's side."""
 
     manifest: Manifest

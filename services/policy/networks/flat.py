@@ -3,7 +3,7 @@
 import torch
 from torch import Tensor
 
-from services.policy.configuration import PolicyConfig
+from services.policy.configuration import PolicySettings
 from services.policy.networks.continuous import Outputs, continuous_output
 from services.policy.networks.policy import (
     DecisionBatch,
@@ -22,7 +22,7 @@ class FlatNetwork(PolicyNetwork):
     number of the gait from -1 (none) to 1 (the last one).
     """
 
-    def __init__(self, config: PolicyConfig) -> None:
+    def __init__(self, config: PolicySettings) -> None:
         super().__init__(config)
         self._shape = config.actions.shape
         steps, numbers = self._shape

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor, nn
 
-from services.policy.configuration import PolicyConfig
+from services.policy.configuration import PolicySettings
 from services.policy.networks.continuous import Outputs
 from services.policy.networks.encoder import Encoder
 
@@ -54,7 +54,7 @@ class PolicyNetwork(nn.Module, ABC):
         config: of the policy.
     """
 
-    def __init__(self, config: PolicyConfig) -> None:
+    def __init__(self, config: PolicySettings) -> None:
         super().__init__()
         self.config = config
         cameras = config.inputs.cameras
@@ -62,9 +62,9 @@ class PolicyNetwork(nn.Module, ABC):
         self.encoders = nn.ModuleDict({camera: Encoder(config.encoder) for camera in cameras})
         width = config.inputs.width + len(cameras) * config.encoder.features
         self.lstm = None
-        if config.memory:
-            self.lstm = nn.LSTM(width, config.memory.hidden, config.memory.layers, batch_first=True)
-            width = config.memory.hidden
+        if lstm := config.recurrence:
+            self.lstm = nn.LSTM(width, lstm.hidden, lstm.layers, batch_first=True)
+            width = lstm.hidden
         layers: list[nn.Module] = []
         for given, made in pairwise((width, *config.mlp)):
             layers += [nn.Linear(given, made), nn.ReLU()]

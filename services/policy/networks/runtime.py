@@ -29,7 +29,7 @@ class TorchRuntime:
         Args:
             observation: (n,) observation vector.
             pictures: (cameras, height, width, 3) of the policy's cameras, in their order.
-            memory: array of :attr:`~services.policy.configuration.PolicyConfig.memory_shape`
+            memory: array of :attr:`~services.policy.configuration.PolicySettings.memory_shape`
                 after the frame before; zero at the start.
         """
         with torch.inference_mode():

@@ -12,10 +12,10 @@ from common.schemas import ControlState
 from common.schemas.arrays import Float64Array as Array
 from services.policy.configuration import (
     ChunkConfig,
-    Config,
     DifferenceConfig,
     InputConfig,
-    PolicyConfig,
+    PolicySettings,
+    StrictModel,
 )
 from services.policy.errors import ProcessorError
 from services.policy.processor.actions import Command, Representation, absolute, representation
@@ -46,7 +46,7 @@ class Decision(NamedTuple):
     gait: NDArray[np.float32]
 
 
-class Processor(Config):
+class Processor(StrictModel):
     """Turns columns into observation vectors and targets, and decisions into set-points.
 
     Attributes:
@@ -75,7 +75,7 @@ class Processor(Config):
         return self
 
     @classmethod
-    def fit(cls, config: PolicyConfig, episodes: Iterable[Arrays]) -> Self:
+    def fit(cls, config: PolicySettings, episodes: Iterable[Arrays]) -> Self:
         """Return the processor of a policy, with statistics of its data set.
 
         Args:

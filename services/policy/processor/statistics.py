@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from pydantic import model_validator
 
 from common.schemas.arrays import Float64Array as Array
-from services.policy.configuration import Config
+from services.policy.configuration import StrictModel
 
 
-class Statistics(Config):
+class Statistics(StrictModel):
     """Mean and scale of each number of a vector.
 
     Attributes:

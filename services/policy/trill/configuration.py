@@ -4,10 +4,10 @@ from typing import Literal
 
 from pydantic import Field
 
-from services.policy.configuration import PolicyConfig
+from services.policy.configuration import RecurrentSettings
 
 
-class TrillConfig(PolicyConfig):
+class TrillConfig(RecurrentSettings):
     """TRILL: a mixture for the hands; grasp, gait trigger and type of gait have their own heads."""
 
     kind: Literal["trill"] = "trill"

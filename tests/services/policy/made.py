@@ -11,7 +11,7 @@ from services.policy.configuration import (
     ConvolutionConfig,
     InputConfig,
     MemoryConfig,
-    PolicyConfig,
+    PolicySettings,
 )
 from services.policy.kinds import CONFIGS
 
@@ -19,7 +19,7 @@ SIZE = (24, 18)
 """Width and height of the pictures."""
 
 
-def small(kind: str, **changes: Any) -> PolicyConfig:
+def small(kind: str, **changes: Any) -> PolicySettings:
     """Return a tiny policy of a kind."""
     given: dict[str, Any] = {
         "inputs": InputConfig(picture_size=SIZE),

@@ -18,7 +18,7 @@ from services.policy.checkpoint.manifest import (
     describe,
     sha256,
 )
-from services.policy.configuration import PolicyConfig
+from services.policy.configuration import PolicySettings
 from services.policy.errors import CheckpointError
 from services.policy.kinds import CONFIGS, network
 from services.policy.processor.processor import Processor
@@ -35,7 +35,7 @@ ORIGIN = Origin(
 )
 
 
-def written(folder: Path, config: PolicyConfig | None = None) -> Path:
+def written(folder: Path, config: PolicySettings | None = None) -> Path:
     config = config or small("trill")
     torch.manual_seed(0)
     processor = Processor.fit(config, [episode(seed) for seed in range(3)])

@@ -9,7 +9,7 @@ from services.policy.configuration import (
     ChunkConfig,
     ConvolutionConfig,
     InputConfig,
-    PolicyConfig,
+    PolicySettings,
     ResNetConfig,
 )
 from services.policy.kinds import CONFIGS, network
@@ -26,12 +26,12 @@ def parameters(module: Any) -> int:
     return sum(parameter.numel() for parameter in module.parameters())
 
 
-def made(config: PolicyConfig) -> PolicyNetwork:
+def made(config: PolicySettings) -> PolicyNetwork:
     torch.manual_seed(0)
     return network(config)
 
 
-def inputs(config: PolicyConfig, sequences: int = 1, frames: int = 6) -> tuple[Any, Any]:
+def inputs(config: PolicySettings, sequences: int = 1, frames: int = 6) -> tuple[Any, Any]:
     generator = torch.Generator().manual_seed(1)
     width, height = config.inputs.picture_size
     shape = (sequences, frames, len(config.inputs.cameras), height, width, 3)

@@ -23,8 +23,8 @@ torch = pytest.importorskip("torch", reason="needs the extra policy")
 from services.policy.networks.policy import PolicyNetwork, TargetBatch  # noqa: E402
 from services.policy.networks.runtime import TorchRuntime  # noqa: E402
 
-FRAMES = 16
-STEPS = 200
+FRAMES = 12
+STEPS = 130
 CONFIG = small(
     "trill",
     inputs=InputConfig(picture_size=SIZE),
@@ -59,10 +59,10 @@ def learn(
     observation = torch.from_numpy(np.stack([processor.episode(arrays) for arrays in episodes]))
     columns = zip(*(processor.targets(arrays) for arrays in episodes), strict=True)
     parts = [torch.from_numpy(np.stack(column)) for column in columns]
-    batch = TargetBatch(*parts, torch.ones(4, FRAMES, dtype=torch.bool))
-    optimiser = torch.optim.Adam(policy.parameters(), lr=0.01)
+    batch = TargetBatch._make([*parts, torch.ones(4, FRAMES, dtype=torch.bool)])
+    optimiser = torch.optim.Adam(policy.parameters(), lr=0.015)
     for step in range(STEPS):
-        optimiser.param_groups[0]["lr"] = 0.01 * (1.0 - step / STEPS)
+        optimiser.param_groups[0]["lr"] = 0.015 * (1.0 - step / STEPS)
         optimiser.zero_grad()
         terms = policy.terms(policy(observation, pictures)[0], batch)
         policy.loss(terms).backward()
