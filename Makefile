@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite study tasks links faults fuzz loaders mutants bench docs lint setup clean
+.PHONY: help demo drive top test suite study tasks links faults fuzz loaders mutants bench compare docs lint \
+	setup clean
 
 help: ## list the targets
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
@@ -54,6 +55,9 @@ mutants: $(STAMP) ## change the guard's code in every way; each change must fail
 bench: $(STAMP) ## run every benchmark: bus, logger, controller, start
 	@set -e; for file in benchmarks/bench_*.py; do \
 		echo "== $$file"; $(BIN)/python "$$file" $(ARGS); done
+
+compare: $(STAMP) ## compare the speed of another source tree with this one's: ARGS='../old'
+	$(BIN)/python benchmarks/compare.py $(ARGS)
 
 docs: $(STAMP) ## write the generated reference pages again
 	$(BIN)/python -m docs.reference $(ARGS)

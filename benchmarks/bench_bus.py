@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.round_trips import HEADER, measure_round_trips, plant_state
+from benchmarks.workloads.round_trips import HEADER, measure_round_trips, plant_state
 from common.links.delay import DelayLine
 from common.links.spec import LinkSpec
 from common.runtime.live.realtime import enter_realtime

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmarks.builds import Build
+from benchmarks.workloads.live import controller_of
 from common.schemas import GuardMode, PlantStatus
 from common.topics import PLANT_STATUS, WBC_COMMAND
 from common.transport.config import BusConfig
@@ -20,7 +21,6 @@ from common.transport.tap import RawSample, RawTap
 from common.wire.codec import decode
 from common.wire.header import wire_header
 
-CONTROLLER = "services.wbc"
 PATIENCE_S = 60.0
 """The system must be up, and a killed controller back, within this time [s]."""
 SETTLE_S = 8.0
@@ -114,8 +114,10 @@ def restarts(build: Build, kills: int, folder: Path, settle: float = SETTLE_S) -
             for count in range(1, kills + 1):
                 observer.wait_for_controllers(count)
                 time.sleep(settle)
+                controller = controller_of(supervisor)
                 killed_ns = time.monotonic_ns()
-                os.kill(_controller_of(supervisor), signal.SIGKILL)
+                assert controller is not None  # it has just commanded
+                os.kill(controller, signal.SIGKILL)
                 back_ns = observer.wait_for_controllers(count + 1)
                 time.sleep(0.5)  # the plant reports its guard ten times a second
                 guards = observer.guards_between(killed_ns, back_ns + 500_000_000)
@@ -157,18 +159,3 @@ def _base_port(output: Path, process: "subprocess.Popen[bytes]") -> int:
             raise RuntimeError(f"the system did not start: {text}")
         time.sleep(0.05)
     raise TimeoutError(f"the system has printed no base port in {PATIENCE_S:g} s")
-
-
-def _controller_of(supervisor: int) -> int:
-    """Return the process id of the supervisor's oldest child that runs the controller."""
-    found = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        try:
-            fields = (folder / "stat").read_text().rpartition(")")[2].split()
-            words = (folder / "cmdline").read_bytes().decode().split("\0")
-        except OSError:  # ended meanwhile
-            continue
-        parent, started = int(fields[1]), int(fields[19])
-        if parent == supervisor and CONTROLLER in words:
-            found.append((started, int(folder.name)))
-    return min(found)[1]

@@ -37,6 +37,7 @@ class ArrivalQueue:
     """Payloads that wait to be decoded, behind a delay line if there is a link.
 
     Attributes:
+        ready: payloads to be decoded.
         line: delays arrivals; None: no link was ever set.
         skipped: payloads dropped because too many waited.
         last_put_ns: newest arrival [ns]; -1 before the first.
@@ -48,20 +49,22 @@ class ArrivalQueue:
         """Filled by the transport's thread."""
         self._due: deque[RawMessage] = deque()
         """Filled from the delay line."""
-        self._ready = self._arrived
+        self.ready = self._arrived
         self._backlog = EVENT_BACKLOG if is_event else LATEST_BACKLOG
         self.line: DelayLine[RawMessage] | None = None
         self.skipped = 0
         self.last_put_ns = -1
 
-    def __len__(self) -> int:
-        """Return how many are ready to be decoded."""
-        return len(self._ready)
-
     @property
     def next_due_ns(self) -> int:
         """When the next message held by the delay line falls due [ns]."""
         return NEVER if self.line is None else self.line.next_due_ns
+
+    @property
+    def next_release_ns(self) -> int:
+        """No payload that has been put falls due before this time [ns]."""
+        first = self.ready or self._arrived
+        return min(first[0].arrival_ns if first else NEVER, self.next_due_ns)
 
     def put(self, payload: bytes, arrival_ns: int, tag: str | None) -> None:
         """Append a payload, dropping the oldest when too many wait (any one thread)."""
@@ -74,7 +77,7 @@ class ArrivalQueue:
 
     def pop(self) -> RawMessage | None:
         """Remove and return the oldest that is ready; None if there is none."""
-        return _pop_oldest(self._ready)
+        return _pop_oldest(self.ready)
 
     def set_line(self, line: DelayLine[RawMessage]) -> None:
         """Put another delay line in front; from the first one on there is always one.
@@ -90,7 +93,7 @@ class ArrivalQueue:
                 if message is not None:
                     self._due.append(message)
                     self.last_put_ns = message.arrival_ns
-            self._ready = self._due
+            self.ready = self._due
         self.line = line
         self._backlog = LINK_BACKLOG
 

@@ -9,11 +9,13 @@ from typing import Any
 from common.errors import SchemaError
 from common.inbox.arrivals import WILDCARD, ArrivalQueue, RawMessage
 from common.inbox.context import NO_LIMIT, FollowedSender, InboxContext
+from common.journal.journal import Journal
 from common.journal.tables import UNKNOWN, InputOutcome, InputTimes
 from common.links.delay import DelayLine
 from common.schemas import Header, Message, Sender
 from common.topics import Delivery, Topic
-from common.wire.codec import decode, schema_tag
+from common.wire.codec import schema_tag
+from common.wire.decoder import Decoder
 from common.wire.header import wire_header
 from common.wire.sequence import MessageOrder, SequenceTracker
 
@@ -69,11 +71,14 @@ class TopicBuffer:
         self.is_event = topic.delivery is Delivery.EVENT
         schema: type[Message] = topic.schema
         self._tag = schema_tag(schema)
+        self._decoder = Decoder(schema)
         self.queue = ArrivalQueue(is_event=self.is_event)
         if line is not None:
             self.queue.set_line(line)
         self.value: Message | None = None
         self.by_sender: OrderedDict[Sender, Message] = OrderedDict()
+        self._newest: Sender | None = None
+        """The last in :attr:`by_sender`."""
         self.events: list[Message] = []
         self.updated = False
         self.good_ns = 0
@@ -110,8 +115,9 @@ class TopicBuffer:
         Messages that arrive meanwhile are left for the next step, so that a flood cannot keep this
         one from ending.
         """
-        for _ in range(len(self.queue)):
-            raw = self.queue.pop()
+        queue = self.queue
+        for _ in range(len(queue.ready)):
+            raw = queue.pop()
             if raw is None:
                 break
             self.received += 1
@@ -144,11 +150,15 @@ class TopicBuffer:
         if self._history_ns:
             self._history.append((arrival_ns, message))
             self._forget()
-        sender = message.header.sender
-        self.by_sender[sender] = message
-        self.by_sender.move_to_end(sender)
-        if len(self.by_sender) > _MAX_SENDERS:
-            self.by_sender.popitem(last=False)
+        header, newest = message.header, self._newest
+        if newest is None or header.boot != newest.boot or header.source != newest.source:
+            newest = self._newest = header.sender
+            self.by_sender[newest] = message
+            self.by_sender.move_to_end(newest)
+            if len(self.by_sender) > _MAX_SENDERS:
+                self.by_sender.popitem(last=False)
+        else:
+            self.by_sender[newest] = message
 
     def history(self, span_ns: int) -> list[Message]:
         """Return good messages that arrived up to ``span_ns`` before the newest, oldest first.
@@ -169,14 +179,17 @@ class TopicBuffer:
 
     def _process(self, raw: RawMessage) -> None:
         """Decode one message, decide about it and record it."""
-        clock = self._context.clock
+        clock, journal = self._context.clock, self._context.journal
         started = clock() if clock else 0
         try:
-            message = self._decode(raw)
+            if raw.tag == WILDCARD:
+                raise SchemaError("put on a wildcard key; expected the topic's own")
+            message = self._decoder.decode(raw.payload, raw.tag, raw.injected_ns)
         except SchemaError as error:
             self._refuse(error)
-            head = wire_header(raw.payload)
-            self._record(InputOutcome.REFUSED, head, raw, _times(raw, UNKNOWN, 0))
+            if journal is not None:
+                head = wire_header(raw.payload)
+                self._record(journal, InputOutcome.REFUSED, head, raw, _times(raw, UNKNOWN, 0))
             return
         self.adapted += raw.tag is not None and raw.tag != self._tag
         header = message.header
@@ -186,20 +199,16 @@ class TopicBuffer:
             outcome = self._accept(message, raw.arrival_ns)
         else:
             self._observe(header)
-        decode_ns = clock() - started if clock else 0
-        self._record(outcome, header, raw, _times(raw, offset, decode_ns))
-
-    def _decode(self, raw: RawMessage) -> Message:
-        if raw.tag == WILDCARD:
-            raise SchemaError("put on a wildcard key; expected the topic's own")
-        schema: type[Message] = self.topic.schema
-        return decode(raw.payload, schema, raw.tag, raw.injected_ns)
+        if journal is not None:
+            decode_ns = clock() - started if clock else 0
+            self._record(journal, outcome, header, raw, _times(raw, offset, decode_ns))
 
     def _judge_sender(self, header: Header, offset: int, arrived_ns: int) -> InputOutcome:
         """Decide by age and sender whether a message may be applied."""
         followed = self._followed
-        old = self._context.is_too_old(header, offset, arrived_ns, self._max_age_ns)
-        ours = followed is None or followed.takes(header.sender, arrived_ns, old=old)
+        limit = self._max_age_ns
+        old = limit < NO_LIMIT and self._context.is_too_old(header, offset, arrived_ns, limit)
+        ours = followed is None or followed.takes(header, arrived_ns, old=old)
         if old:
             self.stale += 1
             if offset == UNKNOWN:
@@ -216,18 +225,22 @@ class TopicBuffer:
 
     def _record_lost(self, raw: RawMessage) -> None:
         """Record a message that the link dropped on purpose."""
-        if self._context.journal is not None:
-            times = InputTimes(raw.arrival_ns, injected=-1, offset=UNKNOWN, decode=0)
-            self._record(InputOutcome.LOST, wire_header(raw.payload), raw, times)
-
-    def _record(
-        self, outcome: InputOutcome, header: Header | None, raw: RawMessage, times: InputTimes
-    ) -> None:
-        """Write an input record to the journal, if there is one."""
         journal = self._context.journal
         if journal is not None:
-            tag = self._tag if raw.tag is None else raw.tag
-            journal.record(self.topic.name, outcome, header, raw.payload, tag, times)
+            times = InputTimes(raw.arrival_ns, injected=-1, offset=UNKNOWN, decode=0)
+            self._record(journal, InputOutcome.LOST, wire_header(raw.payload), raw, times)
+
+    def _record(
+        self,
+        journal: Journal,
+        outcome: InputOutcome,
+        header: Header | None,
+        raw: RawMessage,
+        times: InputTimes,
+    ) -> None:
+        """Write an input record to the journal."""
+        tag = self._tag if raw.tag is None else raw.tag
+        journal.record(self.topic.name, outcome, header, raw.payload, tag, times)
 
     def _accept(self, message: Message, arrival_ns: int) -> InputOutcome:
         """Show a good message, unless it repeats or (for a latest value) was overtaken."""

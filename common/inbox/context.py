@@ -49,10 +49,8 @@ class InboxContext:
             header: of the message.
             offset: this clock minus its sender's [ns]; UNKNOWN if not known.
             arrived_ns: when it arrived, injected delay left out [ns].
-            max_age_ns: largest age to be applied [ns].
+            max_age_ns: largest age to be applied, less than NO_LIMIT [ns].
         """
-        if max_age_ns >= NO_LIMIT:
-            return False
         if offset != UNKNOWN and header.sent:
             return arrived_ns - header.sent - offset > max_age_ns
         known = self._unknown_since
@@ -71,20 +69,21 @@ class FollowedSender:
         self._silence_ns = silence_ns
         self._heard_ns = 0
 
-    def takes(self, sender: Sender, arrived_ns: int, *, old: bool = False) -> bool:
+    def takes(self, header: Header, arrived_ns: int, *, old: bool = False) -> bool:
         """Return whether a message is that of the sender followed.
 
         The first sender heard is followed, and after its silence the next one.
 
         Args:
-            sender: of the message.
+            header: of the message.
             arrived_ns: when it arrived, injected delay left out: a link's jitter is no silence.
             old: it was too old on arrival, so nobody is followed because of it.
         """
-        if sender != self.sender:
-            silent = self.sender is None or arrived_ns - self._heard_ns > self._silence_ns
+        followed = self.sender
+        if followed is None or header.boot != followed.boot or header.source != followed.source:
+            silent = followed is None or arrived_ns - self._heard_ns > self._silence_ns
             if old or not silent:
                 return False
-            self.sender = sender
+            self.sender = header.sender
         self._heard_ns = max(self._heard_ns, arrived_ns)
         return True

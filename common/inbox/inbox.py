@@ -78,9 +78,14 @@ class Inbox:
         self._linked = self._with_line()
         self._trigger = self._buffers[trigger.name] if trigger is not None else None
         self._trigger_seen_ns = -1
-        self._wake = threading.Event()
+        self._asleep = threading.Lock()
+        """Held until something wakes :meth:`wait`; an event takes several times as long."""
+        self._asleep.acquire()
         self._updated: list[TopicBuffer] = []
         self._arrived = False
+        """Whether anything was put, or fell due, that no step has looked at."""
+        self._next_due_ns = 0
+        """Before it no message that a step has looked at falls due [ns]."""
         self._now = 0
 
     def offer(
@@ -98,7 +103,7 @@ class Inbox:
         buffer.queue.put(payload, arrival_ns, tag)
         self._arrived = True
         if buffer is self._trigger:
-            self._wake.set()
+            self.wake()
 
     def begin_step(self, now_ns: int) -> None:
         """Take in everything that arrived (or fell due) until ``now_ns``; a new snapshot."""
@@ -109,13 +114,15 @@ class Inbox:
             for buffer in self._updated:
                 buffer.end_step()
             self._updated.clear()
-        if self._linked:
-            self._advance_links(now_ns)
-        if self._arrived:
+        arrived = self._arrived
+        if arrived:
             # Cleared before looking: what arrives meanwhile sets it again for the next step.
             self._arrived = False
+        if self._linked and (arrived or now_ns >= self._next_due_ns):
+            arrived |= self._advance_links(now_ns)
+        if arrived:
             for buffer in self._all:
-                if buffer.queue and buffer.take_in():
+                if buffer.queue.ready and buffer.take_in():
                     self._updated.append(buffer)
 
     def begin_replayed_step(self, now_ns: int, inputs: Iterable[tuple[str, Message, int]]) -> None:
@@ -130,6 +137,17 @@ class Inbox:
             buffer = self._buffers[name]
             buffer.show(message, arrival_ns)
             self._updated.append(buffer)
+
+    def next_release_ns(self) -> int | None:
+        """Return the time before which no step would be shown anything new [ns].
+
+        It is that of the next message to fall due, or the arrival of one that no step has taken in
+        or passed to its link yet. None: nothing waits.
+        """
+        if not (self._arrived or self._linked):
+            return None
+        due_ns = min(buffer.queue.next_release_ns for buffer in self._all)
+        return None if due_ns == NEVER else due_ns
 
     def latest(self, topic: Topic[M]) -> M | None:
         """Last good message of a latest-value topic; None before the first."""
@@ -191,6 +209,7 @@ class Inbox:
         buffer.release(-1)
         buffer.queue.set_line(self._line(buffer.topic, spec))
         self._linked = self._with_line()
+        self._next_due_ns = 0
 
     def link_of(self, topic_name: str) -> str:
         """What is injected in front of an input, in words; empty: nothing."""
@@ -218,21 +237,28 @@ class Inbox:
         return {name: line.stats() for name, line in lines if line is not None}
 
     def wait(self, timeout_s: float) -> bool:
-        """Sleep until a payload of the trigger topic arrives; False if time ran out."""
-        return self._wake.wait(timeout_s)
+        """Sleep until a payload of the trigger topic arrives; False if time ran out.
+
+        One that arrived since the last call, or since :meth:`trigger_arrival`, counts.
+        """
+        return self._asleep.acquire(timeout=max(0.0, timeout_s))
 
     def wake(self) -> None:
         """End a :meth:`wait` now, from any thread."""
-        self._wake.set()
+        if self._asleep.locked():
+            try:
+                self._asleep.release()
+            except RuntimeError:  # another thread was faster
+                return
 
     def trigger_arrival(self, now_ns: int) -> int | None:
         """When the trigger topic last arrived or fell due, if since the last call; else None."""
-        self._wake.clear()
+        self._asleep.acquire(blocking=False)
         buffer = self._trigger
         if buffer is None:
             return None
-        if buffer.queue.line is not None:
-            self._advance_links(now_ns)
+        if buffer.queue.line is not None and self._advance_links(now_ns):
+            self._arrived = True
         arrival = buffer.queue.last_put_ns
         if arrival == self._trigger_seen_ns:
             return None
@@ -255,11 +281,14 @@ class Inbox:
     def _with_line(self) -> tuple[TopicBuffer, ...]:
         return tuple(buffer for buffer in self._all if buffer.queue.line is not None)
 
-    def _advance_links(self, now_ns: int) -> None:
-        """Move payloads that arrived into the delay lines and those that fell due out of them."""
-        for buffer in self._linked:
-            if buffer.release(now_ns):
-                self._arrived = True
+    def _advance_links(self, now_ns: int) -> bool:
+        """Move payloads that arrived into the delay lines and those that fell due out of them.
+
+        Returns whether any fell due.
+        """
+        released = [buffer.release(now_ns) for buffer in self._linked]
+        self._next_due_ns = min(buffer.queue.next_due_ns for buffer in self._linked)
+        return any(released)
 
     def _buffer(self, topic: Topic[Any]) -> TopicBuffer:
         buffer = self._buffers.get(topic.name)

@@ -5,7 +5,8 @@ in each stage of :class:`~common.schemas.StageTime`. For each link that injects 
 also has the requested and the achieved delay and the number of lost messages.
 """
 
-from collections import Counter
+from array import array
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -13,19 +14,20 @@ import numpy as np
 import numpy.typing as npt
 
 from common.errors import TrillError
-from common.journal.stages import stage_durations, stage_times
-from common.journal.tables import INPUT_COLUMNS, InputOutcome, Table, read_tables
+from common.journal.stages import STAGES, stage_columns, stage_time
+from common.journal.tables import INPUT_COLUMNS, UNKNOWN, InputOutcome, Table, read_tables
 from common.links.spec import LinkSpec
 from common.links.summary import requested
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
-
-STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "total")
+from common.spool import Spool
 
 Durations = npt.NDArray[np.float64]
 
 _STEP, _SOURCE, _OUTCOME = (INPUT_COLUMNS.index(name) for name in ("step", "source", "outcome"))
 _TIMES = slice(INPUT_COLUMNS.index("captured"), INPUT_COLUMNS.index("decode") + 1)
-_ARRIVAL, _INJECTED = 3, 4
+_ARRIVED = 3
+"""The arrival among these times."""
+_INJECTED, _ARRIVAL = STAGES.index("injected"), len(STAGES)
 """Columns of :attr:`_Input.rows`."""
 
 
@@ -37,8 +39,8 @@ class LedgerRow:
     topic: str
     counts: dict[InputOutcome, int]
     stages: tuple[StageTime, ...]
-    samples: dict[str, Durations] = field(repr=False)
-    """Time of each applied message in each stage [s]."""
+    samples: Mapping[str, Durations] = field(repr=False)
+    """Time of each applied message in each stage [s], computed whenever it is asked for."""
 
     @property
     def applied(self) -> int:
@@ -69,15 +71,46 @@ class _Input:
     """Records of one input of one service.
 
     Attributes:
-        rows: a row per input record: its times, the start of the step and the sending of the step's
-            results [ns].
+        rows: a row per input record: its time in each stage and its arrival [ns].
         outcomes: the outcomes of the same records.
         changes: the time [ns] and the new link of each change of the link.
     """
 
-    rows: list[Table] = field(default_factory=list)
-    outcomes: list[Table] = field(default_factory=list)
+    rows: Spool = field(default_factory=lambda: Spool(len(STAGES) + 1, "q"))
+    outcomes: "array[int]" = field(default_factory=lambda: array("b"))
     changes: list[tuple[int, str]] = field(default_factory=list)
+
+    def add(self, rows: Table, outcomes: Table) -> None:
+        """Add records: times and step as for :func:`stage_columns`."""
+        self.rows.add(np.column_stack([*stage_columns(rows).values(), rows[:, _ARRIVED]]))
+        self.outcomes.frombytes(outcomes.astype(np.int8).tobytes())
+
+    def counts(self) -> dict[InputOutcome, int]:
+        """Return the number of records of each outcome."""
+        kinds, counts = np.unique(self.outcomes, return_counts=True)
+        return {InputOutcome(int(k)): int(n) for k, n in zip(kinds, counts, strict=True)}
+
+    def applied(self, stage: str) -> Table:
+        """Return the known times of the applied messages in a stage [ns]."""
+        some = self.rows.column(STAGES.index(stage))
+        is_applied = np.array(self.outcomes) == InputOutcome.APPLIED
+        return np.asarray(some[is_applied & (some != UNKNOWN)], np.int64)
+
+
+@dataclass(frozen=True)
+class _Samples(Mapping[str, Durations]):
+    """Times by stage [s], which would take much memory together."""
+
+    account: _Input
+
+    def __getitem__(self, stage: str) -> Durations:
+        return np.asarray(1e-9 * self.account.applied(stage), np.float64)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(STAGES)
+
+    def __len__(self) -> int:
+        return len(STAGES)
 
 
 class Ledger:
@@ -106,8 +139,7 @@ class Ledger:
             chosen = inside & (inputs[:, _SOURCE] == index)
             if chosen.any():
                 account = self._input(journal.service, source.topic)
-                account.rows.append(rows[chosen])
-                account.outcomes.append(inputs[chosen, _OUTCOME])
+                account.add(rows[chosen], inputs[chosen, _OUTCOME])
 
     def note_change(self, change: LinkChange) -> None:
         """Note that a link was set, at a time of the consumer's clock."""
@@ -129,45 +161,39 @@ class Ledger:
         """Return the inputs that received messages, by consumer and topic."""
         result = []
         for (consumer, topic), account in sorted(self._inputs.items()):
-            if not account.rows:
+            if not len(account.rows):
                 continue
-            rows, outcomes = _joined(account)
-            applied = rows[outcomes == InputOutcome.APPLIED]
-            result.append(
-                LedgerRow(
-                    consumer=consumer,
-                    topic=topic,
-                    counts={InputOutcome(o): n for o, n in Counter(outcomes.tolist()).items()},
-                    stages=tuple(stage_times(applied)),
-                    samples={
-                        name: np.asarray(1e-9 * some, np.float64)
-                        for name, some in stage_durations(applied).items()
-                    },
-                )
-            )
+            times = (stage_time(name, account.applied(name)) for name in STAGES)
+            stages = tuple(time for time in times if time is not None)
+            counts = account.counts()
+            result.append(LedgerRow(consumer, topic, counts, stages, _Samples(account)))
         return result
 
     def links(self) -> list[LinkRow]:
         """Return the delays that were in force while messages arrived."""
         result = []
         for (consumer, topic), account in sorted(self._inputs.items()):
-            if not account.rows or not account.changes:
+            if not len(account.rows) or not account.changes:
                 continue
-            rows, outcomes = _joined(account)
+            arrivals = account.rows.column(_ARRIVAL)
+            injected = account.rows.column(_INJECTED)
+            lost = np.array(account.outcomes) == InputOutcome.LOST
             ordered = sorted(account.changes)
             # A change may be noted twice, from its own message and from the health after it.
             changes = [now for last, now in pairwise([(0, None), *ordered]) if last[1] != now[1]]
             # Nothing is known before the first change; its link is assumed to have held already.
             bounds = [-(2**62), *(at for at, _ in changes[1:]), 2**62]
             for (begin, end), (_, link) in zip(pairwise(bounds), changes, strict=True):
-                part = (rows[:, _ARRIVAL] >= begin) & (rows[:, _ARRIVAL] < end)
+                part = (arrivals >= begin) & (arrivals < end)
                 if link and part.any():
-                    result.append(self._link(consumer, topic, link, rows[part], outcomes[part]))
+                    achieved = 1e-9 * injected[part & ~lost]
+                    count = int((part & lost).sum())
+                    result.append(self._link(consumer, topic, link, achieved, count))
         return result
 
-    def _link(self, consumer: str, topic: str, link: str, rows: Table, outcomes: Table) -> LinkRow:
-        lost = outcomes == InputOutcome.LOST
-        achieved = 1e-9 * rows[~lost, _INJECTED]
+    def _link(
+        self, consumer: str, topic: str, link: str, achieved: Durations, lost: int
+    ) -> LinkRow:
         mean, p99 = self._requested.get(link) or _parsed(link)
         return LinkRow(
             consumer=consumer,
@@ -178,15 +204,11 @@ class Ledger:
             achieved_mean=float(achieved.mean()) if len(achieved) else np.nan,
             achieved_p99=float(np.percentile(achieved, 99)) if len(achieved) else np.nan,
             passed=len(achieved),
-            lost=int(lost.sum()),
+            lost=lost,
         )
 
     def _input(self, consumer: str, topic: str) -> _Input:
         return self._inputs.setdefault((consumer, topic), _Input())
-
-
-def _joined(account: _Input) -> tuple[Table, Table]:
-    return np.concatenate(account.rows), np.concatenate(account.outcomes)
 
 
 def _parsed(link: str) -> tuple[float, float]:

@@ -7,8 +7,10 @@ import numpy as np
 from common.journal.tables import UNKNOWN, Table
 from common.schemas import StageTime
 
+STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "total")
 
-def stage_durations(rows: Table) -> dict[str, Table]:
+
+def stage_columns(rows: Table) -> dict[str, Table]:
     """Compute the time each message spent in each stage of its way [ns].
 
     Args:
@@ -16,20 +18,20 @@ def stage_durations(rows: Table) -> dict[str, Table]:
             results sent [ns].
 
     Returns:
-        (n,) by stage, in the order of the stages; ``wire`` and ``total`` only for messages with a
-        known offset.
+        (n,) by stage, in the order of :data:`STAGES`; ``wire`` and ``total`` are :data:`UNKNOWN`
+        for messages with an unknown offset.
     """
     captured, sent, encode, arrival, injected, offset, decode, begun, used = rows.T
     known = offset != UNKNOWN
     return {
         "capture": sent - encode - captured,
         "encode": encode,
-        "wire": (arrival - sent - offset)[known],
+        "wire": np.where(known, arrival - sent - offset, UNKNOWN),
         "injected": injected,
         "queue": begun - arrival - injected,
         "decode": decode,
         "use": used - begun,
-        "total": (used - captured - offset)[known],
+        "total": np.where(known, used - captured - offset, UNKNOWN),
     }
 
 
@@ -37,19 +39,22 @@ def stage_times(rows: Table) -> list[StageTime]:
     """Compute median and p99 of each stage.
 
     Args:
-        rows: as for :func:`stage_durations`.
+        rows: as for :func:`stage_columns`.
 
     Returns:
         the stages that any message has a duration for, in their order.
     """
-    stages: dict[Any, Table] = dict(stage_durations(rows))
-    return [StageTime(stage=name, **_spread(some)) for name, some in stages.items() if len(some)]
+    times = (stage_time(name, some[some != UNKNOWN]) for name, some in stage_columns(rows).items())
+    return [time for time in times if time is not None]
 
 
-def _spread(durations: Table) -> dict[str, float]:
-    ordered = np.sort(durations)
-    last = len(ordered) - 1
-    return {
-        "median": 1e-9 * float(ordered[min(last, len(ordered) // 2)]),
-        "p99": 1e-9 * float(ordered[min(last, int(0.99 * len(ordered)))]),
-    }
+def stage_time(stage: Any, durations: Table) -> StageTime | None:
+    """Return median and p99 of a stage's known ``durations`` (n,) [ns]; None without any."""
+    if not len(durations):
+        return None
+    last = len(durations) - 1
+    median, p99 = min(last, len(durations) // 2), min(last, int(0.99 * len(durations)))
+    ordered = np.partition(durations, (median, p99))
+    return StageTime(
+        stage=stage, median=1e-9 * float(ordered[median]), p99=1e-9 * float(ordered[p99])
+    )

@@ -14,6 +14,7 @@ from common.robot.joints import (
     EFFORT_RATED,
     EFFORT_RELAXED,
     MOTOR_TO_JOINT,
+    NUM_JOINTS,
     NUM_MOTORS,
     POSITION_LOWER,
     POSITION_UPPER,
@@ -29,10 +30,13 @@ LIMIT_FADE = 0.02
 JOINT_TO_MOTOR: Array = (MOTOR_TO_JOINT / MOTOR_TO_JOINT.sum(axis=0)).T
 """(25, 27) mean over the joints of a motor, for positions, velocities and torques."""
 
-_MOTORS = np.arange(NUM_MOTORS)
 _POSITION = slice(0, NUM_MOTORS)
 _VELOCITY = slice(NUM_MOTORS, 2 * NUM_MOTORS)
 _TIME = 2 * NUM_MOTORS
+_WIDTH = _TIME + 3
+_DIAGONAL = slice(0, NUM_MOTORS * _WIDTH, _WIDTH + 1)
+_NEXT_DIAGONAL = slice(NUM_MOTORS, NUM_MOTORS * _WIDTH, _WIDTH + 1)
+"""Of a flattened law: what each motor makes of its own position, and of its own velocity."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +76,18 @@ def motor_target(
         stiffness: (27,) [N·m/rad].
         damping: (27,) [N·m·s/rad].
     """
-    joint_law = np.array(
-        (
-            -stiffness,
-            -damping,
-            torque + stiffness * position + damping * velocity,
-            stiffness * velocity + damping * acceleration,
-            0.5 * stiffness * acceleration,
-        )
-    )
-    terms = joint_law @ JOINT_TO_MOTOR.T
-    law = np.zeros((NUM_MOTORS, _TIME + 3))
-    law[_MOTORS, _MOTORS] = terms[0]
-    law[_MOTORS, NUM_MOTORS + _MOTORS] = terms[1]
-    law[:, _TIME:] = terms[2:].T
+    terms = np.empty((5, NUM_JOINTS))
+    np.negative(stiffness, out=terms[0])
+    np.negative(damping, out=terms[1])
+    terms[2] = torque + stiffness * position + damping * velocity
+    terms[3] = stiffness * velocity + damping * acceleration
+    terms[4] = 0.5 * stiffness * acceleration
+    motors = terms @ JOINT_TO_MOTOR.T
+    law = np.zeros((NUM_MOTORS, _WIDTH))
+    flat = law.reshape(-1)
+    flat[_DIAGONAL] = motors[0]
+    flat[_NEXT_DIAGONAL] = motors[1]
+    law[:, _TIME:] = motors[2:].T
     return Target(stamp_ns, law)
 
 
@@ -106,16 +108,19 @@ class Servo:
 
     def __init__(self, mode: TorqueMode) -> None:
         self.limit = torque_limit(mode)
-        self._lowest = -self.limit
-        self._input = np.zeros(_TIME + 3)
+        # Wanted torques, then the input of a law: torques and positions are side by side, so that
+        # one operation bounds both.
+        values = np.zeros(NUM_MOTORS + _WIDTH)
+        self._wanted, self._input = values[:NUM_MOTORS], values[NUM_MOTORS:]
         self._input[_TIME] = 1.0
         self.position = self._input[_POSITION]
         self.velocity = self._input[_VELOCITY]
         self.saturated_steps = 0
-        self._lower = JOINT_TO_MOTOR @ POSITION_LOWER
-        self._upper = JOINT_TO_MOTOR @ POSITION_UPPER
-        self._wanted = np.zeros(NUM_MOTORS)
-        self._inside = np.zeros(NUM_MOTORS)
+        self._free = values[: 2 * NUM_MOTORS]
+        self._lowest = np.concatenate((-self.limit, JOINT_TO_MOTOR @ POSITION_LOWER))
+        self._highest = np.concatenate((self.limit, JOINT_TO_MOTOR @ POSITION_UPPER))
+        self._bounded = np.zeros(2 * NUM_MOTORS)
+        self._torque, self._inside = self._bounded[:NUM_MOTORS], self._bounded[NUM_MOTORS:]
 
     def torque(self, target: Target, now_ns: int, out: Array) -> None:
         """Write the motor torques of one physics step into ``out``.
@@ -128,16 +133,14 @@ class Servo:
         h = min(max(now_ns - target.stamp_ns, 0), EXTRAPOLATION_LIMIT_NS) * 1e-9
         self._input[_TIME + 1] = h
         self._input[_TIME + 2] = h * h
-        wanted = target.law.dot(self._input, out=self._wanted)
-        np.maximum(wanted, self._lowest, out=out)
-        np.minimum(out, self.limit, out=out)
+        target.law.dot(self._input, out=self._wanted)
+        np.maximum(self._free, self._lowest, out=self._bounded)
+        np.minimum(self._bounded, self._highest, out=self._bounded)
+        out[:] = self._torque
         # Comparing bytes is several times cheaper than an element-wise test, 1000 times a second.
-        if out.tobytes() != wanted.tobytes():
-            self.saturated_steps += 1
-        inside = np.maximum(self.position, self._lower, out=self._inside)
-        np.minimum(inside, self._upper, out=inside)
-        if inside.tobytes() != self.position.tobytes():
-            self._spare_stops(self.position - inside, out)
+        if self._bounded.tobytes() != self._free.tobytes():
+            self.saturated_steps += self._torque.tobytes() != self._wanted.tobytes()
+            self._spare_stops(self.position - self._inside, out)
 
     @staticmethod
     def _spare_stops(beyond: Array, tau: Array) -> None:

@@ -24,10 +24,10 @@ from common.robot.joints import (
 )
 from common.robot.pose import Pose
 from common.robot.rotations import (
-    multiply,
+    multiplied,
     nearer_sign,
     normalised,
-    rotate_vector,
+    rotated,
     rotation_between,
 )
 from common.schemas.arrays import Float64Array as Array
@@ -52,16 +52,16 @@ class _Link:
     """A body on the way to an end effector, or the end effector's site itself.
 
     Attributes:
-        position: (3,) in the parent [m].
-        quaternion: (4,) to the parent; None: not rotated.
+        position: in the parent [m].
+        quaternion: to the parent; None: not rotated.
         joint: index among the 27 joints; -1: fixed to its parent.
-        axis: (3,) of the joint in the link; unused if fixed.
+        axis: of the joint in the link; unused if fixed.
     """
 
-    position: Array
-    quaternion: Array | None
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...] | None
     joint: int
-    axis: Array
+    axis: tuple[float, ...]
 
 
 def foot_in_body(side: str, joint_position: Array) -> Pose:
@@ -136,18 +136,23 @@ def _site_in_body(
     site: str, joint_position: Array, turns: list[tuple[int, Array, Array]] | None = None
 ) -> Pose:
     """Return the pose of a site; ``turns`` gets index, origin and axis of each joint before it."""
-    position, quaternion = np.zeros(3), np.array(_IDENTITY)
+    # In plain numbers: an operator and a recorder ask for several poses twenty times a second.
+    x = y = z = 0.0
+    quaternion = _IDENTITY
+    angles = joint_position.tolist()
     for link in _chain(site):
-        position = position + rotate_vector(quaternion, link.position)
+        dx, dy, dz = rotated(quaternion, link.position)
+        x, y, z = x + dx, y + dy, z + dz
         if link.quaternion is not None:
-            quaternion = multiply(quaternion, link.quaternion)
+            quaternion = multiplied(quaternion, link.quaternion)
         if link.joint >= 0:
             if turns is not None:
-                turns.append((link.joint, position, rotate_vector(quaternion, link.axis)))
-            half = 0.5 * float(joint_position[link.joint])
-            turn = np.array([cos(half), *(sin(half) * link.axis).tolist()])
-            quaternion = multiply(quaternion, turn)
-    return Pose(position, quaternion)
+                axis = np.array(rotated(quaternion, link.axis))
+                turns.append((link.joint, np.array([x, y, z]), axis))
+            half = 0.5 * angles[link.joint]
+            s, (a, b, c) = sin(half), link.axis
+            quaternion = multiplied(quaternion, (cos(half), s * a, s * b, s * c))
+    return Pose(np.array([x, y, z]), np.array(quaternion))
 
 
 @cache
@@ -180,11 +185,11 @@ def _link(element: ET.Element) -> _Link:
     quaternion = _numbers(element, "quat", "1 0 0 0")
     return _Link(
         _numbers(element, "pos", "0 0 0"),
-        None if quaternion.tolist() == list(_IDENTITY) else normalised(quaternion),
+        None if quaternion == _IDENTITY else tuple(normalised(np.array(quaternion)).tolist()),
         JOINT_INDEX[names[0]] if names else -1,
-        _numbers(joints[0], "axis", "0 0 1") if joints else np.zeros(3),
+        _numbers(joints[0], "axis", "0 0 1") if joints else (0.0, 0.0, 0.0),
     )
 
 
-def _numbers(element: ET.Element, name: str, default: str) -> Array:
-    return np.array([float(text) for text in element.get(name, default).split()])
+def _numbers(element: ET.Element, name: str, default: str) -> tuple[float, ...]:
+    return tuple(float(text) for text in element.get(name, default).split())

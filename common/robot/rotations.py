@@ -5,6 +5,7 @@ times angle [rad]; matrices are (3, 3). A rotation of frame B in frame A takes c
 components in A. Angles are in rad. Nothing here validates its input.
 """
 
+from collections.abc import Sequence
 from math import asin, atan2, copysign, cos, pi, sin, sqrt
 
 import numpy as np
@@ -51,30 +52,36 @@ def nearer_sign(quaternion: Array, reference: Array) -> Array:
 
 def multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product (4,): the rotation ``b`` followed by ``a``, about parent axes."""
-    aw, ax, ay, az = a.tolist()
-    bw, bx, by, bz = b.tolist()
-    return np.array(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ]
+    return np.array(multiplied(a.tolist(), b.tolist()))
+
+
+def multiplied(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float, float]:
+    """Return what :func:`multiply` does, in plain numbers: a chain of them makes no arrays."""
+    aw, ax, ay, az = a
+    bw, bx, by, bz = b
+    return (
+        aw * bw - ax * bx - ay * by - az * bz,
+        aw * bx + ax * bw + ay * bz - az * by,
+        aw * by - ax * bz + ay * bw + az * bx,
+        aw * bz + ax * by - ay * bx + az * bw,
     )
 
 
 def rotate_vector(quaternion: Array, vector: Array) -> Array:
     """Return ``vector`` (3,) rotated by a unit quaternion (4,)."""
     # In plain numbers: for three of them numpy's cross product takes forty times as long.
-    w, x, y, z = quaternion.tolist()
-    a, b, c = vector.tolist()
+    return np.array(rotated(quaternion.tolist(), vector.tolist()))
+
+
+def rotated(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float, float, float]:
+    """Return what :func:`rotate_vector` does, in plain numbers."""
+    w, x, y, z = quaternion
+    a, b, c = vector
     p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-    return np.array(
-        [
-            a + w * p + (y * r - z * q),
-            b + w * q + (z * p - x * r),
-            c + w * r + (x * q - y * p),
-        ]
+    return (
+        a + w * p + (y * r - z * q),
+        b + w * q + (z * p - x * r),
+        c + w * r + (x * q - y * p),
     )
 
 

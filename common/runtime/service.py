@@ -110,6 +110,24 @@ class Service(ABC):
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Advance by one period; ``now_ns`` is the runner's monotonic clock [ns]."""
 
+    def step_until(
+        self, inputs: Inputs, now_ns: int, until_ns: int
+    ) -> tuple[int, Sequence[Output]]:
+        """Step at ``now_ns`` and perhaps go on, a period at a time, up to the first output.
+
+        A runner in simulated time calls it where no input comes meanwhile. A service whose steps
+        are cheaper together does several; what it does and when must be the same as step by step.
+
+        Args:
+            inputs: of the first step; the others have none.
+            now_ns: the runner's clock at the first step [ns].
+            until_ns: every step is before this time, except the first [ns].
+
+        Returns:
+            time of the last step [ns] and its outputs; the steps before it have none.
+        """
+        return now_ns, self.step(inputs, now_ns)
+
     def close(self) -> None:
         """Release resources; called once when the runner stops."""
         return

@@ -6,13 +6,27 @@ dictionary, and the model is made from the result.
 """
 
 from collections.abc import Callable
-from typing import Annotated, Any, cast
+from functools import cache
+from typing import Annotated, Any, TypeVar, cast
 
-from pydantic import TypeAdapter
+from pydantic import BaseModel, TypeAdapter
 from typing_extensions import TypedDict
 
 from common.schemas import Message
 from common.wire.schema import array_spec
+
+B = TypeVar("B", bound=BaseModel)
+
+_set_values, _set_fields_set, _set_extra, _set_private = (
+    BaseModel.__dict__[slot].__set__
+    for slot in (
+        "__dict__",
+        "__pydantic_fields_set__",
+        "__pydantic_extra__",
+        "__pydantic_private__",
+    )
+)
+"""Setters of the slots of every model, which a frozen one refuses to set by name."""
 
 
 def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message]:
@@ -21,24 +35,34 @@ def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message
     A schema with validators of its own is built by its own validation. The function returned
     raises :class:`pydantic.ValidationError`.
     """
-    decorators = schema.__pydantic_decorators__
-    if decorators.model_validators or decorators.field_validators:
+    if has_validators(schema):
         return schema.model_validate
-    validate = _fields_validator(schema)
+    validate, assemble = _fields_validator(schema), assembler(schema)
+    return lambda fields: assemble(validate(fields))
+
+
+def has_validators(schema: type[Message]) -> bool:
+    """Whether a schema has validators of its own."""
+    decorators = schema.__pydantic_decorators__
+    return bool(decorators.model_validators or decorators.field_validators)
+
+
+@cache
+def assembler(model: type[B]) -> Callable[[dict[str, Any]], B]:
+    """Return a function that makes a ``model`` of the checked values of all its fields."""
     # Messages are frozen, so they can share it.
-    fields_set = set(schema.model_fields)
-    assign = object.__setattr__
+    fields_set = set(model.model_fields)
+    new = object.__new__
 
-    def build(fields: dict[str, Any]) -> Message:
-        values = validate(fields)
-        message = schema.__new__(schema)
-        assign(message, "__dict__", values)
-        assign(message, "__pydantic_fields_set__", fields_set)
-        assign(message, "__pydantic_extra__", None)
-        assign(message, "__pydantic_private__", None)
-        return message
+    def assemble(values: dict[str, Any]) -> B:
+        made = new(model)
+        _set_values(made, values)
+        _set_fields_set(made, fields_set)
+        _set_extra(made, None)
+        _set_private(made, None)
+        return made
 
-    return build
+    return assemble
 
 
 def _fields_validator(schema: type[Message]) -> Callable[[dict[str, Any]], dict[str, Any]]:

@@ -6,6 +6,7 @@ raises nothing but :class:`~common.errors.SchemaError`, whatever the bytes are. 
 read-only views on the received bytes.
 """
 
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -45,6 +46,7 @@ class _Plan:
         tag: of the schema.
         names: of its fields.
         prefix: first bytes of every message, up to its header.
+        head: length of the map header of everything but the header [bytes].
         arrays: its array fields.
         build: makes a message from its fields.
     """
@@ -52,6 +54,7 @@ class _Plan:
     tag: str
     names: frozenset[str]
     prefix: bytes
+    head: int
     arrays: ArrayLayout
     build: Callable[[dict[str, Any]], Message]
 
@@ -92,14 +95,13 @@ def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
         SchemaError: a value of the header does not fit the wire.
     """
     plan = _plan(type(message))
-    # The body's own map header, of one or three bytes, makes way for that of the whole.
-    rest = memoryview(body)[1 if len(plan.names) <= _FIXMAP + 1 else 3 :]
-    return b"".join((plan.prefix, _packed(message, header), rest))
+    # The body's own map header makes way for that of the whole.
+    return b"".join((plan.prefix, _packed(message, header), body[plan.head :]))
 
 
 def _packed(message: Message, fields: dict[str, Any]) -> bytes:
     try:
-        return cast(bytes, msgpack.packb(fields, default=_plain))
+        return cast(bytes, _packers.pack(fields))
     except (ValueError, TypeError, OverflowError) as error:
         raise SchemaError(
             f"{type(message).__name__} does not fit the wire: {error}; expected 64-bit integers, "
@@ -230,6 +232,7 @@ def _plan(schema: type[Message]) -> _Plan:
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
         prefix=_prefix(len(schema.model_fields)),
+        head=1 if len(schema.model_fields) <= _FIXMAP + 1 else 3,
         arrays=array_layout(schema),
         build=message_builder(schema),
     )
@@ -248,6 +251,16 @@ def _plain(value: object) -> object:
     if isinstance(value, np.ndarray):
         return value.tobytes()
     raise TypeError(f"cannot carry {type(value).__name__}")
+
+
+class _Packers(threading.local):
+    """One packer a thread, since making one costs more than packing a message."""
+
+    def __init__(self) -> None:
+        self.pack = msgpack.Packer(default=_plain).pack
+
+
+_packers = _Packers()
 
 
 def _limited(text: str) -> str:

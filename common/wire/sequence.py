@@ -101,6 +101,9 @@ class SequenceTracker:
                 self._runs.popitem(last=False)
             self._discount = 0
             return MessageOrder.NEXT
+        if header.seq == run.last + 1 and not (run.ahead or self._discount):
+            run.last = header.seq
+            return MessageOrder.NEXT
         if not run.is_plausible(header.seq):
             return MessageOrder.IMPLAUSIBLE
         if header.seq > run.last:

@@ -4,13 +4,13 @@ import csv
 from dataclasses import dataclass
 from math import inf
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.text import Text
 
 from common.errors import SchemaError
-from common.journal.ledger import STAGES, Ledger, LedgerRow, LinkRow
+from common.journal.ledger import Ledger, LedgerRow, LinkRow
+from common.journal.stages import STAGES
 from common.journal.tables import InputOutcome
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE
@@ -19,9 +19,7 @@ from lab.errors import LabError
 from lab.monitor.ledger_text import LEGEND, add_stages, plain_table, stage_cells, styled
 from services.logger.read.reader import LogReader, RecordedMessage
 
-_SCHEMAS: dict[str, Any] = {
-    JOURNAL.name: StepJournal, HEALTH.name: ServiceHealth, LINK_CHANGE.name: LinkChange,
-}  # fmt: skip
+_TOPICS = (JOURNAL, HEALTH, LINK_CHANGE)
 _UNUSED = tuple(outcome for outcome in InputOutcome if outcome is not InputOutcome.APPLIED)
 
 
@@ -48,20 +46,16 @@ def ledger_table(log: LogReader, begin: float = 0.0, end: float = inf) -> Ledger
         LabError: no journal in it lists inputs of services.
     """
     ledger = Ledger()
-    unreadable = last_ns = 0
-    first_ns: int | None = None
-    for raw in log.raw_messages():
-        first_ns = raw.time_ns if first_ns is None else first_ns
-        last_ns = max(last_ns, raw.time_ns)
-        if raw.topic is None or raw.topic.name not in _SCHEMAS:
-            continue
+    unreadable = 0
+    for raw in log.raw_messages(_TOPICS):
+        assert raw.topic is not None
         try:
-            message = decode(raw.payload, _SCHEMAS[raw.topic.name], raw.tag or None)
+            message = decode(raw.payload, raw.topic.schema, raw.tag or None)
         except SchemaError:
             unreadable += 1
             continue
         if isinstance(message, StepJournal):
-            ledger.add(message, *_span(raw, first_ns, begin, end))
+            ledger.add(message, *_span(raw, log.start_ns or 0, begin, end))
         elif isinstance(message, ServiceHealth):
             ledger.note_health(message)
         elif isinstance(message, LinkChange):
@@ -72,7 +66,7 @@ def ledger_table(log: LogReader, begin: float = 0.0, end: float = inf) -> Ledger
             f"{log.path} has no ledger: expected journals of services (topic {JOURNAL.name}) that "
             "list their inputs, got none in this span"
         )
-    seconds = min(1e-9 * (last_ns - (first_ns or 0)), end) - begin
+    seconds = min(1e-9 * (log.end_ns - (log.start_ns or 0)), end) - begin
     return LedgerTable(rows, tuple(ledger.links()), seconds, unreadable + ledger.unreadable)
 
 

@@ -41,6 +41,8 @@ UNREPLAYABLE: Mapping[str, str] = {
 }
 """Services that cannot be replayed, and why."""
 _MAX_NS = 2**63
+_AHEAD_NS = 10_000_000_000
+"""No message that a run took in was recorded longer before its own first one [ns]."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +68,17 @@ class CheckOptions:
     verbose: bool = False
 
 
-def recorded(path: Path) -> Iterator[Recorded]:
+def recorded(path: Path, since_ns: int = 0) -> Iterator[Recorded]:
     """Yield the messages of a log in the order of arrival, except those under unknown keys.
+
+    With ``since_ns``, on the recording's clock, most of those that arrived before are left out.
 
     Raises:
         LoggerError: the file cannot be read.
     """
-    for raw in LogReader(path).raw_messages():
+    for raw in LogReader(path).raw_messages(since_ns=since_ns):
         if raw.topic is not None:
-            yield Recorded(raw.topic, raw.payload, raw.tag, raw.log_time)
+            yield Recorded(raw.topic, raw.payload, raw.tag, raw.time_ns)
 
 
 def runs_in(path: Path) -> list[ServiceRun]:
@@ -135,7 +139,7 @@ class Checker:
             runner = ReplayRunner(
                 build(run, options.settings),
                 run,
-                recorded(self._path),
+                recorded(self._path, run.begin_ns - _AHEAD_NS),
                 tolerance=options.tolerance,
                 window_ns=(first, last),
                 on_progress=on_progress,

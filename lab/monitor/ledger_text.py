@@ -6,7 +6,7 @@ from math import isnan
 from rich.table import Table
 from rich.text import Text
 
-from common.journal.ledger import STAGES
+from common.journal.stages import STAGES
 from common.schemas import StageTime
 
 LEGEND = "median/p99 in ms; use: from the step's start to its results sent, decode is part of it"

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from common.journal.ledger import STAGES, LedgerRow
+from common.journal.ledger import LedgerRow
+from common.journal.stages import STAGES
 from lab.review.figure import GRID_COLOUR, figure_image, new_figure
 from lab.review.frames import write_picture
 

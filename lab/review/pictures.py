@@ -16,11 +16,12 @@ from lab.review.frames import (
     with_caption,
     write_picture,
 )
+from lab.review.key_moments import Moment, key_moments
 from lab.review.path_plot import plot_path
 from lab.review.task_contact_sheet import recorded_images, task_contact_sheet, task_title
 from lab.review.task_moments import task_caption
 from lab.review.tiles import moment_tiles, render_scene
-from lab.review.timeline import RATE, Moment, Timeline, frame_step, image_at, key_moments
+from lab.review.timeline import RATE, Timeline, frame_step, image_at
 from services.sim.rendering.render import FollowCamera, contact_sheet
 
 TILE = (480, 270)

@@ -15,7 +15,7 @@ from lab.review.run_summary import RunSummary, ServiceTiming
 from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
 from lab.review.task_summary import trial_lines
-from lab.review.timeline import read_timeline
+from lab.review.timeline import Timeline
 from lab.trials.provenance import environment
 from services.logger.read.info import read_info
 from services.logger.read.log_info import LogInfo
@@ -38,9 +38,10 @@ def finish(
     """
     if existing_segments(log)[0].exists():
         print("reading the log", flush=True)
-    summary = write_summary(log, verdict, settings)
+    timeline = Timeline() if pictures else None
+    summary = write_summary(log, verdict, settings, timeline)
     print("\n".join(report_lines(summary)), flush=True)
-    if pictures and (failure := draw_pictures(log, video=video)):
+    if timeline is not None and (failure := draw_pictures(log, timeline, video=video)):
         print(failure)
     print("\n".join(file_lines(log)), flush=True)
     return summary
@@ -61,8 +62,12 @@ def known_verdict(log: Path) -> tuple[Verdict, dict[str, str]]:
     return Verdict(known.outcome, known.reason), known.environment
 
 
-def write_summary(log: Path, verdict: Verdict, settings: dict[str, str]) -> RunSummary:
+def write_summary(
+    log: Path, verdict: Verdict, settings: dict[str, str], timeline: Timeline | None = None
+) -> RunSummary:
     """Summarise a run's log into ``summary.json``, with versions and ``settings``.
+
+    The messages are added to ``timeline`` on the way, so that the log is read once.
 
     Raises:
         LoggerError: there is no readable log.
@@ -70,7 +75,7 @@ def write_summary(log: Path, verdict: Verdict, settings: dict[str, str]) -> RunS
     """
     info, reader = read_info(log), LogReader(log)
     summary = summarise(
-        reader.messages(),
+        reader.messages() if timeline is None else timeline.added(reader.messages()),
         about_log=lambda: _findings(info, reader),
         outcome=verdict.outcome,
         reason=verdict.reason,
@@ -103,8 +108,8 @@ def _findings(info: LogInfo, reader: LogReader) -> LogFindings:
     )
 
 
-def draw_pictures(log: Path, *, video: bool) -> str:
-    """Render contact sheet and video; return the reason if that failed, else "".
+def draw_pictures(log: Path, timeline: Timeline, *, video: bool) -> str:
+    """Render contact sheet and video of a log's timeline; return why that failed, or "".
 
     Nothing is raised: a run is valid without its pictures, for instance without OpenGL.
     """
@@ -112,7 +117,6 @@ def draw_pictures(log: Path, *, video: bool) -> str:
         from lab.review.pictures import write_contact_sheet, write_video
     except ImportError as error:
         return f"no pictures: {error}; {install_hint('deploy,sim')}"
-    timeline = read_timeline(LogReader(log).messages())
     try:
         with ProgressBar("contact sheet") as bar:
             write_contact_sheet(beside(log, SHEET_FILE), timeline, bar.show)

@@ -25,7 +25,9 @@ class Quantiles(_Part):
     @classmethod
     def of(cls, samples: Iterable[float]) -> Self:
         """Compute median, 99th percentile and maximum; all are zero without samples."""
-        values = np.fromiter(samples, dtype=np.float64)
+        # A large array is not copied.
+        is_array = isinstance(samples, np.ndarray)
+        values = np.asarray(samples) if is_array else np.fromiter(samples, dtype=np.float64)
         if not len(values):
             return cls()
         median, p99, maximum = np.percentile(values, [50, 99, 100]).tolist()

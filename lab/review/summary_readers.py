@@ -22,6 +22,7 @@ from common.schemas import (
     Sender,
     ServiceHealth,
 )
+from common.spool import Spool
 from common.topics import Topic
 from lab.review.run_summary import PlantStats, Quantiles, ServiceTiming, TopicStats, Tracking
 
@@ -135,27 +136,33 @@ class TrackingReader:
     """Accumulates the tracking errors of the controller."""
 
     def __init__(self) -> None:
-        self._hand_mm, self._rotation_deg, self._dcm_mm = _samples(), _samples(), _samples()
+        self._hands, self._dcm_mm = Spool(4, "d"), Spool(1, "d")
+        """Of the left and the right hand: position [mm], rotation [deg]; of the DCM [mm]."""
         self._last: dict[int, ControllerState] = {}
         """Last state of each life."""
 
     def read(self, message: ControllerState) -> None:
         """Add a state of the controller; hands count only while their set-points are fresh."""
         self._last[message.header.boot] = message
-        self._dcm_mm.append(1e3 * message.dcm_error)
+        self._dcm_mm.extend((1e3 * message.dcm_error,))
         if message.setpoint_fresh:
-            self._hand_mm.extend(1e3 * message.hand_position_error)
-            self._rotation_deg.extend(np.degrees(message.hand_rotation_error))
+            self._hands.extend((1e3 * message.hand_position_error).tolist())
+            self._hands.extend(np.degrees(message.hand_rotation_error).tolist())
 
     def stats(self) -> Tracking:
         """Return the distributions."""
         return Tracking(
-            hand_position_mm=Quantiles.of(self._hand_mm),
-            hand_rotation_deg=Quantiles.of(self._rotation_deg),
-            dcm_mm=Quantiles.of(self._dcm_mm),
+            hand_position_mm=self._of_hands(0),
+            hand_rotation_deg=self._of_hands(2),
+            dcm_mm=Quantiles.of(self._dcm_mm.column(0)),
             solver=next((last.solver for last in reversed(self._last.values())), ""),
             unsolved=sum(last.unsolved for last in self._last.values()),
         )
+
+    def _of_hands(self, first: int) -> Quantiles:
+        """Return the distribution over both hands, in columns ``first`` and the next."""
+        columns = [self._hands.column(first + side) for side in range(2)]
+        return Quantiles.of(np.concatenate(columns))
 
 
 @dataclass

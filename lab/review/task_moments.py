@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from common.schemas import TaskStatus, TaskVerdict
-from lab.review.timeline import Moment, Timeline, trial_of
+from lab.review.key_moments import Moment
+from lab.review.timeline import Timeline, trial_of
 
 START = "start"
 

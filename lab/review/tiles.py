@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from lab.review.frames import Image, OnProgress, with_caption
-from lab.review.timeline import Moment, Timeline
+from lab.review.key_moments import Moment
+from lab.review.timeline import Timeline
 from services.sim.rendering.render import FollowCamera, render_states, task_view
 from services.sim.scenes.base import View
 

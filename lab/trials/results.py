@@ -13,7 +13,6 @@ from lab.errors import LabError
 from lab.trials.campaign import Executor, run_campaign
 from lab.trials.provenance import CodeVersion, code_version
 from lab.trials.spec import TrialResult, TrialSpec
-from lab.trials.stack import TaskStack
 
 M = TypeVar("M", bound=BaseModel)
 
@@ -141,6 +140,9 @@ def run_trial(code: CodeVersion, spec: TrialSpec) -> TrialResult:
         LabError: this process runs other code than ``code``.
     """
     code.check(code_version(_CODE))
+    # Robot, controller and operator take long to import, and the workers alone need them.
+    from lab.trials.stack import TaskStack
+
     return TaskStack(spec).run()
 
 

@@ -96,10 +96,13 @@ class PlantService(Service):
         self._mode = self.plant.guard.mode
         self._seen: dict[Sender, JointCommand] = {}
         self._divergences = 0
+        self._physics_steps, self._catch_up_steps = config.physics_steps, config.catch_up_steps
         self._pace = Pace(config.physics_steps, config.catch_up_steps)
         self._truth_due = RateTimer(config.truth_rate)
         self._status_due = RateTimer(config.status_rate)
         self._task_due = RateTimer(round(TASK_STATUS.rate))
+        self._timers = [self._truth_due, self._status_due]
+        self._timers += [self._task_due] * (self.plant.trial is not None)
         self._task_reported: tuple[object, ...] = ()
         self._refusals_due = RateTimer(1)
         self._refusals_logged = 0
@@ -117,6 +120,12 @@ class PlantService(Service):
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Handle requests and the newest command, run the physics steps due, and report."""
+        return self.step_until(inputs, now_ns, now_ns)[1]
+
+    def step_until(
+        self, inputs: Inputs, now_ns: int, until_ns: int
+    ) -> tuple[int, Sequence[Output]]:
+        """Step as :meth:`step` does, and on without inputs up to the first output."""
         self._keep_stop()
         self._take_stops(inputs)
         for request in inputs.events(PLANT_REQUEST):
@@ -126,8 +135,8 @@ class PlantService(Service):
         if self.paused:
             self._pace.skip(now_ns)
         else:
-            self._advance(self._pace.due(now_ns))
-        return self._report(now_ns)
+            now_ns = self._advance(now_ns, until_ns)
+        return now_ns, self._report(now_ns)
 
     def _report(self, now_ns: int) -> list[Output]:
         """Return what is due, and at once what a change of the guard's mode makes urgent."""
@@ -209,7 +218,7 @@ class PlantService(Service):
         if trial is None:
             return []
         judge = trial.judge
-        current = (plant.reset_count, judge.verdict, len(judge.done), len(judge.undesired))
+        current = (plant.reset_count, *judge.progress)
         changed = current != self._task_reported
         if not self._task_due.due(now_ns) and not changed:
             return []
@@ -239,17 +248,47 @@ class PlantService(Service):
         source, boot = guard.last_refused
         return f"{source or 'nameless'} (boot {boot:x}): {guard.last_refusal.value}"
 
-    def _advance(self, steps: int) -> None:
-        plant = self.plant
+    def _advance(self, now_ns: int, until_ns: int) -> int:
+        """Run the physics of the step at ``now_ns`` and of quiet ones; return the last's time."""
+        plant, size, begun = self.plant, self._physics_steps, self.plant.steps
+        due = self._pace.due(now_ns)
+        left = due + size * self._quiet_steps(due, now_ns, until_ns)
+        diverged = False
         try:
-            for _ in range(steps):
-                plant.step()
-                if plant.steps % self._state_every == 0:
-                    self._state_due = True
+            while left:
+                plant.advance(left)
+                # After a change only the step in which it happened is completed.
+                beyond = plant.steps - begun - due
+                left = -beyond if beyond < 0 else -beyond % size
         except PlantDivergedError as error:
             _LOG.exception("resetting: %s", error)
             self._divergences += 1
+            diverged = True
+        quiet = max(0, -((begun + due - plant.steps) // size))
+        if plant.steps // self._state_every > begun // self._state_every:
+            self._state_due = True
+        if diverged:
             self._reset()
+        if quiet:
+            now_ns += quiet * self.period_ns
+            self._pace.due(now_ns)
+        return now_ns
+
+    def _quiet_steps(self, due: int, now_ns: int, until_ns: int) -> int:
+        """Return how many steps can follow before ``until_ns``, only the last with an output.
+
+        Args:
+            due: physics steps of the step at ``now_ns``.
+            now_ns: time of this step [ns].
+            until_ns: without inputs before this time [ns].
+        """
+        if self._state_due or self.plant.guard.mode is not self._mode:
+            return 0
+        output_ns = min(timer.next_ns for timer in self._timers)
+        last_ns = min(until_ns - 1, output_ns + self.period_ns - 1)
+        to_state = self._state_every - self.plant.steps % self._state_every - due
+        physics = min(to_state + self._physics_steps - 1, self._catch_up_steps)
+        return max(0, min((last_ns - now_ns) // self.period_ns, physics // self._physics_steps))
 
     def _reset(self, seed: int | None = None) -> None:
         self.plant.reset(seed)

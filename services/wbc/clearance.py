@@ -18,6 +18,12 @@ from common.robot.frames import COLLISION_SUFFIX
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
 
+NV = 6 + joints.NUM_MOTORS
+"""Dimension of the robot's reduced velocity."""
+JOINTS_OF_MOTORS = np.zeros((6 + joints.NUM_JOINTS, NV))
+JOINTS_OF_MOTORS[:6, :6], JOINTS_OF_MOTORS[6:, 6:] = np.eye(6), joints.MOTOR_TO_JOINT
+"""(33, 31) v = G v_r."""
+MOTORS_OF_LEGS = 12
 REACH = 0.06
 """Distance up to which a pair of parts is reported [m]."""
 UPPER_ARM_REACH = 0.035
@@ -48,7 +54,7 @@ class Clearance(NamedTuple):
         pairs: their names.
         distance: (k,) between the nearest points; negative where parts overlap [m].
         rate: (k,) of change [m/s].
-        jacobian: (k, 33) of ``rate`` by the velocity of the arms; zero in the other columns. The
+        jacobian: (k, 31) of ``rate`` by the velocity of the arms; zero in the other columns. The
             base moves all parts alike, and the legs shall not make way for an arm.
     """
 
@@ -58,14 +64,14 @@ class Clearance(NamedTuple):
     jacobian: Array
 
 
-_NOTHING_NEAR = Clearance([], np.zeros(0), np.zeros(0), np.zeros((0, 33)))
+_NOTHING_NEAR = Clearance([], np.zeros(0), np.zeros(0), np.zeros((0, NV)))
 
 
 class ClearanceModel:
     """Measures the distances of :data:`PAIRS`.
 
     Args:
-        model: the robot with locked fingers.
+        model: the robot with locked fingers and merged knees.
         geometry: its collision geoms.
 
     Raises:
@@ -89,7 +95,13 @@ class ClearanceModel:
         )
         # Distances when last measured, and the joints' positions then.
         self._measured = np.zeros(len(PAIRS))
-        self._position = np.zeros((len(PAIRS), model.nv - 6))
+        self._position = np.zeros((len(PAIRS), joints.NUM_JOINTS))
+        # The pairs that the legs move too, and the others: none of them comes within reach before
+        # the joints have turned far enough from where all were checked.
+        legs = self._levers[:, : joints.LEFT_ARM.start].any(axis=1)
+        self._groups = (np.flatnonzero(legs), np.flatnonzero(~legs))
+        self._longest_levers = np.array([self._levers[g].max(axis=0) for g in self._groups])
+        self._checked, self._far = np.zeros(joints.NUM_JOINTS), np.zeros(2)
 
     def _index(self, part: str) -> int:
         name = part + COLLISION_SUFFIX
@@ -110,10 +122,10 @@ class ClearanceModel:
         self._geometry.addGeometryObject(part)
 
     def _moved_by(self, index: int) -> Array:
-        """Return 1 for each velocity (nv,) that moves a geom relative to the base, 0 for others."""
-        moved = np.zeros(self._model.nv)
+        """Return 1 for each velocity (33,) that moves a geom relative to the base, 0 for others."""
+        moved = np.zeros(6 + joints.NUM_JOINTS)
         for joint in self._model.supports[self._geometry.geometryObjects[index].parentJoint]:
-            moved[self._model.joints[joint].idx_v] = 1.0
+            moved[self._model.joints[joint].idx_vExtended] = 1.0
         moved[:6] = 0.0
         return moved
 
@@ -122,8 +134,8 @@ class ClearanceModel:
 
         Args:
             data: of the model, with placements and Jacobians at the present position.
-            position: (34,) of the model.
-            velocity: (33,) of the model.
+            position: (34,) with both hinges of a knee.
+            velocity: (31,) of the model.
         """
         perhaps = self._perhaps_near(position[7:])
         if not perhaps:
@@ -139,9 +151,11 @@ class ClearanceModel:
                 lines.append((*normal, *pin.skew(point).dot(normal)))
         # Both nearest points lie on one line along the normal, of which these are the coordinates:
         # their product with a joint's axis is the velocity of either point along the normal.
+        # Those of the model are of each hinge.
         jacobian = np.array(lines).reshape(-1, 6).dot(data.J) * self._moved[near]
+        jacobian = jacobian.dot(JOINTS_OF_MOTORS)
         rate = jacobian.dot(velocity)
-        jacobian[:, : 6 + joints.LEFT_ARM.start] = 0.0
+        jacobian[:, : 6 + MOTORS_OF_LEGS] = 0.0
         return Clearance([PAIRS[i] for i in near], self._measured[near], rate, jacobian)
 
     def _perhaps_near(self, position: Array) -> list[int]:
@@ -149,9 +163,14 @@ class ClearanceModel:
 
         To measure them all takes longer than all other terms of the model.
         """
+        nearest = self._far - self._longest_levers.dot(np.abs(position - self._checked))
+        if min(nearest.tolist()) > 0.0:
+            return []
         turned = np.abs(position - self._position)
         approach = (turned * self._levers).sum(axis=1)
-        perhaps = np.flatnonzero(self._measured - approach < self._reach)
+        distance = self._measured - approach - self._reach
+        self._checked, self._far = position, np.array([distance[g].min() for g in self._groups])
+        perhaps = np.flatnonzero(distance < 0.0)
         self._position[perhaps] = position
         indices: list[int] = perhaps.tolist()
         return indices

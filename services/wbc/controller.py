@@ -11,26 +11,26 @@ from common.robot import joints
 from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.active_set import ActiveSet
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
 from services.wbc.handover import HandOver, Target
 from services.wbc.hands import HandReference
 from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
-from services.wbc.references import BodyReference, PoseReference
-from services.wbc.robot_model import NV, Dynamics, FrameKinematics, RobotModel, RobotState
-from services.wbc.solvers import Solution, make_solver
-from services.wbc.tasks import (
+from services.wbc.references import BodyReference
+from services.wbc.robot_model import (
     COM,
     FEET,
     HANDS,
-    POSTURE,
+    NV,
     TORSO,
-    TaskStack,
-    pose_acceleration,
-    pose_gains,
-    posture_gains,
+    Dynamics,
+    RobotModel,
+    RobotState,
 )
+from services.wbc.solvers import Solution, Solver, make_solver
+from services.wbc.tasks import POSTURE, TaskStack
 
 TORQUE_SHARE = joints.MOTOR_TO_JOINT / joints.MOTOR_TO_JOINT.sum(axis=0)
 """(27, 25): by virtual work each hinge of a knee gets half of its coordinate's torque."""
@@ -91,16 +91,10 @@ class Controller:
         self.config = config
         self.model = RobotModel()
         self.builder = QpBuilder(config)
-        self.solver = make_solver(config.solver)
-        self.stack = TaskStack()
+        self.solver: Solver = ActiveSet(make_solver(config.solver))
+        self.stack = TaskStack(config.tasks)
         self.unsolved = 0
-        tasks = config.tasks
-        self._posture = posture_gains(tasks)
-        self._hand_gains = pose_gains(tasks.hand_position, tasks.hand_rotation)
-        self._hand_shares = np.repeat([1.0, tasks.hand_rotation_share], 3)
-        self._foot_gains = pose_gains(tasks.foot, tasks.foot)
-        xy, z = tasks.com_horizontal, tasks.com_vertical
-        self._com_gains = np.array([xy.kp, xy.kp, z.kp]), np.array([xy.kd, xy.kd, z.kd])
+        self._hand_shares = np.repeat([1.0, config.tasks.hand_rotation_share], 3)
         self._omega = natural_frequency(config.gait.com_height)
         self.restart()
 
@@ -126,12 +120,17 @@ class Controller:
         return self._gripper is not None
 
     @property
+    def grippers(self) -> Array:
+        """(2,) left and right closure that the grippers are sent."""
+        assert self._gripper is not None
+        return self._gripper
+
+    @property
     def target(self) -> Target:
         """What hands, grippers and neck follow; from the first tick on, at first as measured."""
-        assert self._gripper is not None
         positions, rotations = zip(*(hand.target for hand in self.hands), strict=True)
         neck = float(self._posture_target[-1])
-        return Target(np.array(positions), np.array(rotations), self._gripper, neck)
+        return Target(np.array(positions), np.array(rotations), self.grippers, neck)
 
     def request(self, request_id: int, gait: Gait) -> None:
         """Request a gait; ``locomotion.answers()`` will hold the answer."""
@@ -152,13 +151,12 @@ class Controller:
         clock = perf_counter()
         dynamics = self.model.update(RobotState.from_plant(state))
         after_model = perf_counter()
-        hands = dynamics.hands
         if not self.started:
             self._gripper = np.clip(state.gripper_closure, 0.0, 1.0)
-            for hand, kinematics in zip(self.hands, hands, strict=True):
+            for hand, kinematics in zip(self.hands, dynamics.hands, strict=True):
                 hand.hold(kinematics.position, kinematics.rotation, time)
         body = self.locomotion.update(dynamics, state.foot_normal_force, time)
-        self._fill_tasks(dynamics, hands, body, time)
+        self._fill_tasks(dynamics, body, time)
         after_tasks = perf_counter()
         data = self.builder.build(
             dynamics, self.stack, body.normal_force_max, self._force_share(body)
@@ -173,69 +171,38 @@ class Controller:
             "build": after_build - after_tasks,
             "solve": after_solve - after_build,
         }
-        return command, self._report(dynamics, hands, body, solution, stages)
+        return command, self._report(dynamics, body, solution, stages)
 
-    def _fill_tasks(
-        self,
-        dynamics: Dynamics,
-        hands: tuple[FrameKinematics, FrameKinematics],
-        body: BodyReference,
-        time: float,
-    ) -> None:
-        tasks, stack = self.config.tasks, self.stack
-        error, rate = body.com - dynamics.com_position, body.com_velocity - dynamics.com_velocity
-        com_kp, com_kd = self._com_gains
-        desired = body.com_acceleration + com_kp * error + com_kd * rate
-        stack.put(COM, dynamics.com_jacobian, desired - dynamics.com_bias, tasks.com_weight)
-        self._torso_task(dynamics, body.torso)
-        self._hand_tasks(hands, time)
+    def _fill_tasks(self, dynamics: Dynamics, body: BodyReference, time: float) -> None:
+        stack = self.stack
+        np.subtract(body.com, dynamics.com_position, out=stack.error[COM])
+        stack.velocity[COM], stack.acceleration[COM] = body.com_velocity, body.com_acceleration
+        torso = body.torso
+        stack.error[TORSO] = rotation_vector_from_matrix(
+            torso.rotation.dot(dynamics.base_rotation.T)
+        )
+        stack.velocity[TORSO], stack.acceleration[TORSO] = torso.rate, torso.acceleration
+        self._hand_tasks(dynamics, time)
+        tasks = self.config.tasks
+        light, heavy = tasks.foot_weight_swing, tasks.foot_weight_stance
         for side, rows in enumerate(FEET):
-            self._foot_task(rows, dynamics.feet[side], body.swing[side], body.load[side])
-        kp, kd, weight = self._posture
-        stack.target[POSTURE] = (
-            kp * (self._posture_target - dynamics.motor_position[12:])
-            - kd * dynamics.motor_velocity[12:]
-        )
-        stack.weight[POSTURE] = weight
+            stack.follow_foot(side, dynamics.feet[side], body.swing[side])
+            stack.weight[rows] = light + body.load[side] * (heavy - light)
+        np.subtract(self._posture_target, dynamics.motor_position[12:], out=stack.error[POSTURE])
+        stack.finish(dynamics)
 
-    def _torso_task(self, dynamics: Dynamics, reference: PoseReference) -> None:
-        tasks, rotation = self.config.tasks, dynamics.base_rotation
-        # The base's angular velocity is expressed in the body, so Jdot v is zero in world.
-        angular = rotation @ dynamics.base_twist[3:]
-        desired = (
-            reference.acceleration[3:]
-            + tasks.torso.kp * rotation_vector_from_matrix(reference.rotation.dot(rotation.T))
-            + tasks.torso.kd * (reference.velocity[3:] - angular)
-        )
-        self.stack.jacobian[TORSO, 3:6] = rotation
-        self.stack.target[TORSO] = desired
-        self.stack.weight[TORSO] = tasks.torso_weight
-
-    def _hand_tasks(self, hands: tuple[FrameKinematics, FrameKinematics], time: float) -> None:
+    def _hand_tasks(self, dynamics: Dynamics, time: float) -> None:
         tasks = self.config.tasks
         balancing = self.locomotion.state is ControlState.BALANCE
         goal = tasks.hand_weight_balancing if balancing else tasks.hand_weight_walking
-        span = abs(tasks.hand_weight_balancing - tasks.hand_weight_walking)
-        step = span / (tasks.hand_weight_ramp * self.config.rate)
-        self.hand_weight += min(max(goal - self.hand_weight, -step), step)
+        if goal != self.hand_weight:
+            span = abs(tasks.hand_weight_balancing - tasks.hand_weight_walking)
+            step = span / (tasks.hand_weight_ramp * self.config.rate)
+            self.hand_weight += min(max(goal - self.hand_weight, -step), step)
         weight = self.hand_weight * self._hand_shares
-        for rows, kinematics, hand in zip(HANDS, hands, self.hands, strict=True):
-            desired = pose_acceleration(kinematics, hand.at(time), *self._hand_gains)
-            self.stack.put(rows, kinematics.jacobian, desired - kinematics.bias, weight)
-
-    def _foot_task(
-        self, rows: slice, foot: FrameKinematics, swing: PoseReference | None, load: float
-    ) -> None:
-        tasks = self.config.tasks
-        if swing is None:
-            # The ground holds a standing foot: no acceleration, and no position reference.
-            target = -foot.bias
-        else:
-            target = pose_acceleration(foot, swing, *self._foot_gains) - foot.bias
-        weight = tasks.foot_weight_swing + load * (
-            tasks.foot_weight_stance - tasks.foot_weight_swing
-        )
-        self.stack.put(rows, foot.jacobian, target, weight)
+        for rows, kinematics, hand in zip(HANDS, dynamics.hands, self.hands, strict=True):
+            self.stack.follow(rows, kinematics, hand.at(time))
+            self.stack.weight[rows] = weight
 
     def _force_share(self, body: BodyReference) -> tuple[float, float]:
         weight = self.model.mass * GRAVITY
@@ -254,7 +221,10 @@ class Controller:
             torque, acceleration = self._fallback(dynamics)
         G = joints.MOTOR_TO_JOINT
         command = Command(
-            state.joint_position, state.joint_velocity, G @ acceleration, TORQUE_SHARE @ torque
+            state.joint_position,
+            state.joint_velocity,
+            G.dot(acceleration),
+            TORQUE_SHARE.dot(torque),
         )
         self._last = (command, torque)
         return command
@@ -281,21 +251,20 @@ class Controller:
     def _report(
         self,
         dynamics: Dynamics,
-        hands: tuple[FrameKinematics, FrameKinematics],
         body: BodyReference,
         solution: Solution,
         stages: dict[str, float],
     ) -> TickReport:
-        dcm = dynamics.com_position[:2] + dynamics.com_velocity[:2] / self._omega
+        dcm = dynamics.com_position[:2] + dynamics.com_velocity[:2] / self._omega - body.dcm
         errors = []
-        for hand, kinematics in zip(self.hands, hands, strict=True):
+        for hand, kinematics in zip(self.hands, dynamics.hands, strict=True):
             position, rotation = hand.target
             offset = position - kinematics.position
             turn = rotation_vector_from_matrix(rotation.dot(kinematics.rotation.T))
             errors.append((hypot(*offset.tolist()), hypot(*turn.tolist())))
         return TickReport(
             stages,
-            hypot(*(dcm - body.dcm).tolist()),
+            hypot(*dcm.tolist()),
             np.array(errors),
             dynamics.com_position,
             solution.solved,

@@ -51,7 +51,9 @@ class _Segment:
             )
         )
         value, rate, acceleration = powers.dot(self._coefficients)
-        value = value + rate * max(0.0, time - self.start - self.duration)
+        beyond = time - self.start - self.duration
+        if beyond > 0.0:
+            value += rate * beyond
         return value, rate, acceleration
 
 
@@ -69,6 +71,8 @@ class HandReference:
         self._target_time = 0.0
         self._motion: OperatorMotion | None = None
         self._stopped = True
+        # Since the segment has ended in rest the reference no longer changes.
+        self._rest: PoseReference | None = None
 
     @property
     def started(self) -> bool:
@@ -85,7 +89,7 @@ class HandReference:
     def hold(self, position: Array, rotation: Array, time: float) -> None:
         """Rest at a pose from ``time`` on; it may lie outside the workspace."""
         self._target, self._target_time, self._stopped = (position, rotation), time, True
-        self._motion = OperatorMotion(self._config, position, rotation)
+        self._motion, self._rest = OperatorMotion(self._config, position, rotation), None
         value = np.concatenate((position, np.zeros(3)))
         self._segment = _Segment(time, 1.0, np.array([value, value]), np.zeros((2, 6)), rotation)
 
@@ -113,6 +117,7 @@ class HandReference:
 
     def _go(self, position: Array, rotation: Array, rate: Array, time: float) -> None:
         now = self.at(time)
+        self._rest = None
         config = self._config
         period = config.setpoint_period
         end = clamp_to_workspace(self._side, position + rate[:3] * period)
@@ -134,13 +139,18 @@ class HandReference:
         """Return the reference at ``time``: pose, velocity and acceleration in the body frame."""
         if self._segment is None:
             raise ValueError("no hand set-point yet; call hold() or set() first")
+        if self._rest is not None:
+            return self._rest
         silent = time - self._target_time
         expired = time > self._segment.start + self._segment.duration + self._config.setpoint_period
         if not self._stopped and (expired or silent > self._config.stale_after):
             self._stop(time)
         value, rate, acceleration = self._segment.at(time)
         rotation = matrix_from_rotation_vector(value[3:]).dot(self._segment.base_rotation)
-        return PoseReference(value[:3], rotation, rate, acceleration)
+        reference = PoseReference(value[:3], rotation, rate, acceleration)
+        if self._stopped and time > self._segment.start + self._segment.duration:
+            self._rest = reference
+        return reference
 
     def _stop(self, time: float) -> None:
         """Come to rest at the last set-point, for the operator's motion is no longer known."""

@@ -34,9 +34,19 @@ class _FootEstimate:
 
     def __init__(self, samples: int) -> None:
         self._samples = samples
-        self.position = np.zeros(3)
+        self._position = [0.0, 0.0, 0.0]
         self.yaw = 0.0
         self.reset()
+
+    @property
+    def position(self) -> Array:
+        """(3,) in world [m]."""
+        return np.array(self._position)
+
+    @property
+    def height(self) -> float:
+        """Of the sole in world [m]."""
+        return self._position[2]
 
     def reset(self) -> None:
         self._count = 0
@@ -44,7 +54,9 @@ class _FootEstimate:
     def update(self, position: Array, yaw: float) -> None:
         self._count = min(self._count + 1, self._samples)
         gain = 1.0 / self._count
-        self.position = self.position + gain * (position - self.position)
+        # In plain numbers: for three of them numpy takes longer.
+        for i, (mean, now) in enumerate(zip(self._position, position.tolist(), strict=True)):
+            self._position[i] = mean + gain * (now - mean)
         self.yaw = wrap_angle(self.yaw + gain * wrap_angle(yaw - self.yaw))
 
 
@@ -137,12 +149,12 @@ class Locomotion:
     def _footprints(self) -> tuple[Footprint, Footprint]:
         left, right = self._feet
         return (
-            Footprint(0, left.position[:2].copy(), left.yaw),
-            Footprint(1, right.position[:2].copy(), right.yaw),
+            Footprint(0, left.position[:2], left.yaw),
+            Footprint(1, right.position[:2], right.yaw),
         )
 
     def _com_height(self) -> float:
-        soles = 0.5 * float(self._feet[0].position[2] + self._feet[1].position[2])
+        soles = 0.5 * (self._feet[0].height + self._feet[1].height)
         return soles + self._config.gait.com_height
 
     def _taking_over(self, takeover: Takeover, com: Array, time: float) -> BodyReference:
@@ -187,9 +199,9 @@ class Locomotion:
             foot, other = self._feet[phase.foot], self._feet[1 - phase.foot]
             landing = self._plan.footprints[phase.step]
             self._swing = SwingTrajectory(
-                start=foot.position.copy(),
+                start=foot.position,
                 start_rotation=matrix_from_yaw(foot.yaw),
-                end=np.array([*landing.position, float(other.position[2])]),
+                end=np.array([*landing.position, other.height]),
                 end_rotation=matrix_from_yaw(landing.yaw),
                 height=self._config.gait.swing_height,
                 duration=phase.end - phase.start,
@@ -204,12 +216,11 @@ class Locomotion:
         swing: SwingPair,
     ) -> BodyReference:
         target = plan.dcm.at(elapsed)
-        height = self._last_height(swing)
         load = (plan.load_at(0, elapsed), plan.load_at(1, elapsed))
         return BodyReference(
-            np.array([*target.com, height]),
-            np.array([*target.com_velocity, 0.0]),
-            np.array([*target.com_acceleration, 0.0]),
+            np.array((*target.com.tolist(), self._last_height(swing))),
+            np.array((*target.com_velocity.tolist(), 0.0)),
+            np.array((*target.com_acceleration.tolist(), 0.0)),
             target.dcm,
             heading(*plan.yaw_at(elapsed)),
             swing,
@@ -219,9 +230,8 @@ class Locomotion:
 
     def _last_height(self, swing: SwingPair) -> float:
         """Return the CoM height above the standing soles, low-passed at steps in the ground."""
-        left, right = (float(foot.position[2]) for foot in self._feet)
-        standing = [z for z, s in zip((left, right), swing, strict=True) if s is None]
-        goal = sum(standing) / len(standing) + self._config.gait.com_height
+        soles = [foot.height for foot, s in zip(self._feet, swing, strict=True) if s is None]
+        goal = sum(soles) / len(soles) + self._config.gait.com_height
         if self._last is None:
             return goal
         last = float(self._last.com[2])

@@ -102,8 +102,12 @@ class QpBuilder:
         self._highest_torque = np.concatenate((np.zeros(6), self.torque_limit))
         self._lowest_torque = -self._highest_torque
         index = np.array(joints.MOTOR_POSITION_INDEX)[ARMS]
-        self._lower = joints.POSITION_LOWER[index] + limits.joint_margin
-        self._upper = joints.POSITION_UPPER[index] - limits.joint_margin
+        self._arm_limits = np.array(
+            (
+                joints.POSITION_LOWER[index] + limits.joint_margin,
+                joints.POSITION_UPPER[index] - limits.joint_margin,
+            )
+        )
         self.data = QpData()
         self._write_constants()
 
@@ -120,7 +124,8 @@ class QpBuilder:
         data.u[BOUNDS] = self._config.limits.acceleration_max
         diagonal = np.arange(NV, NUM_VARIABLES)
         data.P[diagonal, diagonal] = tasks.force_regulariser + tasks.force_reference_weight
-        self._regulariser = tasks.acceleration_regulariser * np.eye(NV)
+        self._regulariser = tasks.acceleration_regulariser
+        self._diagonal = data.P.ravel()[: NV * NUM_VARIABLES : NUM_VARIABLES + 1]
 
     def build(
         self,
@@ -138,15 +143,14 @@ class QpBuilder:
             normal_force_desired: f_r^d of eq. 1, normal components [N].
         """
         data = self.data
-        hessian, gradient = stack.quadratic()
-        np.add(hessian, self._regulariser, out=data.P[:NV, :NV])
-        data.q[:NV] = gradient
+        data.P[:NV, :NV], data.q[:NV] = stack.quadratic()
+        self._diagonal += self._regulariser
         weight = self._config.tasks.force_reference_weight
         data.A[DYNAMICS, :NV] = dynamics.mass_matrix
         for side, columns in enumerate(FORCES):
             cone = slice(CONES.start + side * CONE_ROWS, CONES.start + (side + 1) * CONE_ROWS)
             if normal_force_max[side] > AIRBORNE:
-                np.negative(dynamics.foot_wrench_jacobian(side).T, out=data.A[DYNAMICS, columns])
+                np.negative(dynamics.sole_jacobians[side].T, out=data.A[DYNAMICS, columns])
                 data.l[cone], data.u[NORMAL.start + side] = 0.0, normal_force_max[side]
             else:
                 # No wrench at all is equivalent to a cone squeezed to a point, but has no
@@ -157,7 +161,10 @@ class QpBuilder:
         np.subtract(self._lowest_torque, dynamics.bias_force, out=data.l[DYNAMICS])
         np.subtract(self._highest_torque, dynamics.bias_force, out=data.u[DYNAMICS])
         data.l[ARM_BOUNDS], data.u[ARM_BOUNDS] = self._arm_bounds(dynamics)
-        data.B, data.b = dynamics.clearance.jacobian, self._apart(dynamics.clearance)
+        clearance = dynamics.clearance
+        data.B, data.b = clearance.jacobian, clearance.distance
+        if clearance.pairs:
+            data.b = self._apart(clearance)
         return data
 
     def _apart(self, clearance: Clearance) -> Array:
@@ -172,21 +179,20 @@ class QpBuilder:
         wanted -= limits.clearance_damping * clearance.rate
         return np.minimum(wanted, SEPARATION_MAX)
 
-    def _arm_bounds(self, dynamics: Dynamics) -> tuple[Array, Array]:
-        """Return acceleration bounds (12,), (12,) that keep the arm joints inside their limits.
+    def _arm_bounds(self, dynamics: Dynamics) -> Array:
+        """Return acceleration bounds (2, 12), lower and upper, that keep arms inside their limits.
 
         They are a second-order barrier. Without them a hand task beyond a limit would be achieved
         by a fast motion of the torso.
         """
         limits = self._config.limits
         cap = limits.acceleration_max
-        q = dynamics.motor_position[ARMS]
-        damping = limits.joint_damping * dynamics.motor_velocity[ARMS]
-        lower = limits.joint_stiffness * (self._lower - q) - damping
-        upper = limits.joint_stiffness * (self._upper - q) - damping
-        return np.minimum(np.maximum(lower, -cap), cap), np.minimum(np.maximum(upper, -cap), cap)
+        bounds = self._arm_limits - dynamics.motor_position[ARMS]
+        bounds *= limits.joint_stiffness
+        bounds -= limits.joint_damping * dynamics.motor_velocity[ARMS]
+        return np.minimum(np.maximum(bounds, -cap), cap)
 
     def torques(self, dynamics: Dynamics, solution: Array) -> Array:
         """Return the motor torques (25,) of a solution: S_a (M qdd + h - J' f) [N·m]."""
-        tau: Array = self.data.A[TORQUE] @ solution + dynamics.bias_force[6:]
+        tau: Array = self.data.A[TORQUE].dot(solution) + dynamics.bias_force[6:]
         return tau

@@ -27,6 +27,20 @@ class PoseReference(NamedTuple):
     acceleration: Array
 
 
+class Heading(NamedTuple):
+    """Reference of an upright torso.
+
+    Attributes:
+        rotation: (3, 3) torso_link to world.
+        rate: (3,) angular velocity in world [rad/s].
+        acceleration: (3,) likewise [rad/s²].
+    """
+
+    rotation: Array
+    rate: Array
+    acceleration: Array
+
+
 SwingPair = tuple[PoseReference | None, PoseReference | None]
 """Reference of the left and the right foot while it swings; None for a stance foot."""
 
@@ -39,7 +53,7 @@ class BodyReference(NamedTuple):
         com_velocity: (3,) [m/s].
         com_acceleration: (3,) [m/s²].
         dcm: (2,) planned [m].
-        torso: of torso_link; the position is not used.
+        torso: of torso_link.
         swing: references of swinging feet.
         normal_force_max: limit for the left and the right foot [N].
         load: scheduled load of the left and the right foot, 0 (in the air) to 1.
@@ -49,16 +63,21 @@ class BodyReference(NamedTuple):
     com_velocity: Array
     com_acceleration: Array
     dcm: Array
-    torso: PoseReference
+    torso: Heading
     swing: SwingPair
     normal_force_max: tuple[float, float]
     load: tuple[float, float]
 
 
-def heading(yaw: float, rate: float = 0.0, acceleration: float = 0.0) -> PoseReference:
+_AT_REST = np.zeros(3)
+
+
+def heading(yaw: float, rate: float = 0.0, acceleration: float = 0.0) -> Heading:
     """Return the reference of an upright torso with a heading [rad, rad/s, rad/s²]."""
-    up = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
-    return PoseReference(np.zeros(3), matrix_from_yaw(yaw), rate * up, acceleration * up)
+    rotation = matrix_from_yaw(yaw)
+    if rate == acceleration == 0.0:
+        return Heading(rotation, _AT_REST, _AT_REST)
+    return Heading(rotation, np.array([0.0, 0.0, rate]), np.array([0.0, 0.0, acceleration]))
 
 
 def force_limits(load: tuple[float, float], full: float) -> tuple[float, float]:

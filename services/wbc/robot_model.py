@@ -1,8 +1,8 @@
 """Rigid-body model of DRACO 3 in 31 reduced coordinates.
 
 The fingers are locked and each rolling-contact knee (two coupled hinges, q_jp = q_jd) is one
-coordinate: v = G v_r with a constant G, so M_r = G' M G, h_r = G' h, J_r = J G. The QP thus needs
-neither constraint rows nor a null-space projection for the knees.
+coordinate, one hinge mimicking the other: v = G v_r with a constant G. The QP thus needs neither
+constraint rows nor a null-space projection for the knees.
 
 Order of the reduced velocity: base linear and angular velocity in ``torso_link`` (6), then the
 25 motors in :data:`common.robot.MOTORS` order.
@@ -26,12 +26,17 @@ NUM_MOTORS = joints.NUM_MOTORS
 NV = 6 + NUM_MOTORS
 """Dimension of the reduced velocity."""
 SIDES = ("left", "right")
-LWA = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+LWA, LOCAL = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, pin.ReferenceFrame.LOCAL
 ARMS = slice(joints.LEFT_ARM.start, joints.RIGHT_ARM.stop)
 """Indices of both arms' joints among the 27."""
-FOOT_ROWS = (slice(3, 9), slice(9, 15))
-HAND_ROWS = (slice(15, 21), slice(21, 27))
-"""Rows of the frames in the stacked Jacobian; the first three are the CoM's."""
+COM = slice(0, 3)
+TORSO = slice(3, 6)
+HANDS = (slice(6, 12), slice(12, 18))
+FEET = (slice(18, 24), slice(24, 30))
+NUM_ROWS = 30
+"""Rows of the stacked Jacobian."""
+ARM_COLUMNS = slice(6 + 12, 6 + 24)
+"""Velocities of both arms' motors."""
 
 
 class FrameKinematics(NamedTuple):
@@ -67,9 +72,11 @@ class RobotState(NamedTuple):
     def from_plant(cls, state: PlantState) -> "RobotState":
         """Convert a state message: base velocity to the body frame, quaternion to scalar last."""
         rotation = matrix_from_quaternion(state.base_quaternion)
-        unit = state.base_quaternion / hypot(*state.base_quaternion.tolist())
+        w, x, y, z = state.base_quaternion.tolist()
+        unit = np.array((x, y, z, w))
+        unit /= hypot(w, x, y, z)
         return cls(
-            np.concatenate((state.base_position, unit[1:], unit[:1], state.joint_position)),
+            np.concatenate((state.base_position, unit, state.joint_position)),
             np.concatenate(
                 (
                     rotation.T.dot(state.base_linear_velocity),
@@ -103,8 +110,9 @@ class RobotModel:
                 f"the MJCF's joints are {names}, expected {joints.JOINT_NAMES}; "
                 "restore the order of common/robot/draco3.xml or of JOINTS"
             )
-        self.data = self.model.createData()
-        self._clearance_model = ClearanceModel(self.model, geometry)
+        self._merged = _with_merged_knees(self.model)
+        self._data = self._merged.createData()
+        self._clearance_model = ClearanceModel(self._merged, geometry)
         # Motion relative to the body is that of the arms on a torso at rest at the origin.
         arms = {joints.JOINT_NAMES[i] for i in range(joints.NUM_JOINTS)[ARMS]}
         others = [i for i, name in enumerate(self.model.names) if i and name not in arms]
@@ -113,15 +121,21 @@ class RobotModel:
         self.mass = float(pin.computeTotalMass(self.model))
         self._feet = [self._frame_id(self.model, frames.FOOT_FRAMES[side]) for side in SIDES]
         self._hands = [self._frame_id(self._arm_model, frames.HAND_FRAMES[side]) for side in SIDES]
-        self._reduction = np.zeros((self.model.nv, NV))
-        self._reduction[:6, :6] = np.eye(6)
-        self._reduction[6:, 6:] = joints.MOTOR_TO_JOINT
-        self._upper = np.tri(self.model.nv, dtype=bool).T
-        self._no_acceleration = np.zeros(self.model.nv)
+        # A knee coordinate is the mean of its hinges; they differ by what their coupling gives.
+        mean = joints.MOTOR_TO_JOINT.T / joints.MOTOR_TO_JOINT.sum(axis=0)[:, None]
+        self._to_position = _block_diagonal(np.eye(7), mean)
+        self._to_velocity = _block_diagonal(np.eye(6), mean)
+        self._upper = np.tri(NV, dtype=bool).T
+        self._no_acceleration = np.zeros(NV)
+        # Views into pinocchio's memory: to look them up takes longer than to copy what they show.
+        self._base_rotation = self._data.oMi[1].rotation
+        self._com, self._com_bias = self._data.com[0], self._data.acom[0]
+        self._placements = tuple(
+            (data.oMf[index].translation, data.oMf[index].rotation)
+            for data, indices in ((self._arm_data, self._hands), (self._data, self._feet))
+            for index in indices
+        )
         self._arms_no_acceleration = np.zeros(self._arm_model.nv)
-        # Rows of CoM, feet and hands; those of the hands are nonzero in the arms' columns only.
-        self._jacobians = np.zeros((27, self.model.nv))
-        self.motor_positions = np.array(joints.MOTOR_POSITION_INDEX)
 
     @staticmethod
     def _frame_id(model: pin.Model, name: str) -> int:
@@ -130,69 +144,82 @@ class RobotModel:
             raise ModelError(f"the MJCF has no frame {name!r}; it has {known}")
         return int(model.getFrameId(name))
 
-    def reduce_columns(self, matrix: Array) -> Array:
-        """Return ``matrix @ G``, which maps (..., 33) to (..., 31)."""
-        reduced: Array = matrix.dot(self._reduction)
-        return reduced
-
     def update(self, state: RobotState) -> "Dynamics":
         """Compute the terms that tasks and QP need at ``state``."""
-        model, data = self.model, self.data
-        q, v = state
+        model, data = self._merged, self._data
+        q, v = self._to_position.dot(state.position), self._to_velocity.dot(state.velocity)
         # In this convention the pass for M (upper triangle) computes all Jacobians too.
-        pin.crba(model, data, q, pin.Convention.WORLD)
-        mass = np.where(self._upper, data.M, data.M.T)
-        mass = self.reduce_columns(self.reduce_columns(mass).T)
-        bias = self.reduce_columns(pin.nonLinearEffects(model, data, q, v))
+        mass = pin.crba(model, data, q, pin.Convention.WORLD)
+        mass = np.where(self._upper, mass, mass.T)
+        force = pin.nonLinearEffects(model, data, q, v)
         # Accelerations at zero joint acceleration are Jdot v of every frame and of the CoM.
-        com = pin.centerOfMass(model, data, q, v, self._no_acceleration, False)
+        pin.centerOfMass(model, data, q, v, self._no_acceleration, False)
         arms, arm_data = self._arm_model, self._arm_data
-        q_arms, v_arms = q[7:][ARMS], v[6:][ARMS]
+        q_arms, v_arms = q[1:][ARM_COLUMNS], v[ARM_COLUMNS]
         pin.computeJointJacobians(arms, arm_data, q_arms)
         pin.forwardKinematics(arms, arm_data, q_arms, v_arms, self._arms_no_acceleration)
-        stack = self._jacobians
-        stack[:3] = pin.jacobianCenterOfMass(model, data, False)
-        for rows, index in zip(FOOT_ROWS, self._feet, strict=True):
-            stack[rows] = pin.getFrameJacobian(model, data, index, LWA)
-        for rows, index in zip(HAND_ROWS, self._hands, strict=True):
-            stack[rows, 6:][:, ARMS] = pin.getFrameJacobian(arms, arm_data, index, LWA)
-        jacobians, velocities = self.reduce_columns(stack), stack.dot(v)
-        left_foot, right_foot = (
-            _frame(model, data, index, jacobians[rows], velocities[rows])
-            for rows, index in zip(FOOT_ROWS, self._feet, strict=True)
+        rotation = self._base_rotation.copy()
+        jacobian, bias = np.zeros((NUM_ROWS, NV)), np.zeros(NUM_ROWS)
+        jacobian[COM] = pin.jacobianCenterOfMass(model, data, False)
+        jacobian[TORSO, 3:6] = rotation
+        for rows, index in zip(HANDS, self._hands, strict=True):
+            jacobian[rows, ARM_COLUMNS] = pin.getFrameJacobian(arms, arm_data, index, LWA)
+        for rows, index in zip(FEET, self._feet, strict=True):
+            jacobian[rows] = pin.getFrameJacobian(model, data, index, LWA)
+        velocity = jacobian.dot(v)
+        bias[COM] = self._com_bias
+        for rows, index in zip(HANDS, self._hands, strict=True):
+            pin.updateFramePlacement(arms, arm_data, index)
+            bias[rows] = pin.getFrameClassicalAcceleration(arms, arm_data, index, LWA).vector
+        for rows, index in zip(FEET, self._feet, strict=True):
+            pin.updateFramePlacement(model, data, index)
+            bias[rows] = pin.getFrameClassicalAcceleration(model, data, index, LWA).vector
+        left_hand, right_hand, left_foot, right_foot = (
+            FrameKinematics(
+                position.copy(), turn.copy(), velocity[rows], jacobian[rows], bias[rows]
+            )
+            for (position, turn), rows in zip(self._placements, (*HANDS, *FEET), strict=True)
         )
-        left_hand, right_hand = (
-            _frame(arms, arm_data, index, jacobians[rows], velocities[rows])
-            for rows, index in zip(HAND_ROWS, self._hands, strict=True)
-        )
-        clearance = self._clearance_model.update(data, q, v)
+        left, right = self._feet
         return Dynamics(
-            base_position=q[:3],
-            base_rotation=data.oMi[1].rotation.copy(),
+            base_position=state.position[:3],
+            base_rotation=rotation,
             base_twist=v[:6],
-            motor_position=q[7:].take(self.motor_positions),
-            motor_velocity=v[6:].take(self.motor_positions),
+            motor_position=q[7:],
+            motor_velocity=v[6:],
             mass_matrix=mass,
-            bias_force=bias,
-            com_position=com.copy(),
-            com_velocity=velocities[:3],
-            com_jacobian=jacobians[:3],
-            com_bias=data.acom[0].copy(),
+            bias_force=force,
+            com_position=self._com.copy(),
+            jacobian=jacobian,
+            velocity=velocity,
+            bias=bias,
             feet=(left_foot, right_foot),
             hands=(left_hand, right_hand),
-            clearance=clearance._replace(jacobian=self.reduce_columns(clearance.jacobian)),
+            sole_jacobians=(
+                pin.getFrameJacobian(model, data, left, LOCAL),
+                pin.getFrameJacobian(model, data, right, LOCAL),
+            ),
+            clearance=self._clearance_model.update(data, state.position, v),
         )
 
 
-def _frame(
-    model: pin.Model, data: pin.Data, index: int, jacobian: Array, velocity: Array
-) -> FrameKinematics:
-    """Return a frame's kinematics from its Jacobian and velocity."""
-    placement = pin.updateFramePlacement(model, data, index)
-    bias = pin.getFrameClassicalAcceleration(model, data, index, LWA).vector
-    return FrameKinematics(
-        placement.translation.copy(), placement.rotation.copy(), velocity, jacobian, bias
-    )
+def _with_merged_knees(model: pin.Model) -> pin.Model:
+    """Return the model in which the second hinge of a knee mimics the first."""
+    merged = model
+    for hinges in joints.MOTOR_TO_JOINT.T:
+        first, *others = (model.getJointId(joints.JOINT_NAMES[i]) for i in np.flatnonzero(hinges))
+        for other in others:
+            merged = pin.transformJointIntoMimic(merged, first, other, 1.0, 0.0)
+    # The coordinate of a knee turns both rotors.
+    armature = model.armature
+    merged.armature = np.concatenate((armature[:6], joints.MOTOR_TO_JOINT.T @ armature[6:]))
+    return merged
+
+
+def _block_diagonal(first: Array, second: Array) -> Array:
+    upper = np.hstack((first, np.zeros((len(first), second.shape[1]))))
+    lower = np.hstack((np.zeros((len(second), first.shape[1])), second))
+    return np.vstack((upper, lower))
 
 
 class Dynamics(NamedTuple):
@@ -207,14 +234,16 @@ class Dynamics(NamedTuple):
         mass_matrix: (31, 31) M_r with rotor inertia.
         bias_force: (31,) h_r, Coriolis and gravity.
         com_position: (3,) in world [m].
-        com_velocity: (3,) in world [m/s].
-        com_jacobian: (3, 31).
-        com_bias: (3,) Jdot v of the CoM [m/s²].
+        jacobian: (30, 31) of ``velocity``.
+        velocity: (30,) of CoM, torso (angular, in world), hands and feet, at the rows named above.
+        bias: (30,) their accelerations at zero reduced acceleration (Jdot v); zero for the torso,
+            whose angular velocity is a constant turned by its own rotation.
         feet: (left, right) soles in world.
         hands: (left, right) hand frames relative to torso_link and expressed in it; their
             Jacobians have no base columns, so the QP does not pursue a hand target by moving the
             torso.
-        clearance: distances of arms and body where they are near each other; Jacobian (k, 31).
+        sole_jacobians: (left, right) (6, 31), dual to a wrench [force; moment] in the sole's frame.
+        clearance: distances of arms and body where they are near each other.
     """
 
     base_position: Array
@@ -225,18 +254,15 @@ class Dynamics(NamedTuple):
     mass_matrix: Array
     bias_force: Array
     com_position: Array
-    com_velocity: Array
-    com_jacobian: Array
-    com_bias: Array
+    jacobian: Array
+    velocity: Array
+    bias: Array
     feet: tuple[FrameKinematics, FrameKinematics]
     hands: tuple[FrameKinematics, FrameKinematics]
+    sole_jacobians: tuple[Array, Array]
     clearance: Clearance
 
-    def foot_wrench_jacobian(self, side: int) -> Array:
-        """Return the Jacobian (6, 31) dual to a wrench [force; moment] in the foot's own frame."""
-        foot = self.feet[side]
-        local = np.empty((6, NV))
-        to_foot = foot.rotation.T
-        np.dot(to_foot, foot.jacobian[:3], out=local[:3])
-        np.dot(to_foot, foot.jacobian[3:], out=local[3:])
-        return local
+    @property
+    def com_velocity(self) -> Array:
+        """(3,) in world [m/s]."""
+        return self.velocity[COM]

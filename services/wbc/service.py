@@ -213,7 +213,7 @@ class WbcService(Service):
             torque=command.torque,
             stiffness=self.stiffness,
             damping=self.damping,
-            gripper_closure=self.controller.target.grippers,
+            gripper_closure=self.controller.grippers,
         )
 
     def _controller_state(self, report: TickReport, time: float) -> ControllerState:

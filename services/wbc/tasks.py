@@ -11,35 +11,11 @@ from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import Gains, TaskConfig
 from services.wbc.references import PoseReference
-from services.wbc.robot_model import NV, FrameKinematics
+from services.wbc.robot_model import COM, FEET, HANDS, NV, TORSO, Dynamics, FrameKinematics
+from services.wbc.robot_model import NUM_ROWS as MOVING_ROWS
 
-COM = slice(0, 3)
-TORSO = slice(3, 6)
-HANDS = (slice(6, 12), slice(12, 18))
-FEET = (slice(18, 24), slice(24, 30))
-POSTURE = slice(30, 43)
-NUM_ROWS = 43
-
-
-def pose_gains(position: Gains, rotation: Gains) -> tuple[Array, Array]:
-    """Return stiffness and damping (6,) of a pose task, linear then angular."""
-    return (
-        np.repeat([position.kp, rotation.kp], 3),
-        np.repeat([position.kd, rotation.kd], 3),
-    )
-
-
-def pose_acceleration(
-    kinematics: FrameKinematics, reference: PoseReference, kp: Array, kd: Array
-) -> Array:
-    """Return the desired acceleration (6,) of a frame, linear then angular."""
-    error = np.empty(6)
-    error[:3] = reference.position - kinematics.position
-    error[3:] = rotation_vector_from_matrix(reference.rotation.dot(kinematics.rotation.T))
-    result: Array = kp * error
-    result += kd * (reference.velocity - kinematics.velocity)
-    result += reference.acceleration
-    return result
+POSTURE = slice(MOVING_ROWS, MOVING_ROWS + 13)
+NUM_ROWS = POSTURE.stop
 
 
 def posture_gains(config: TaskConfig) -> tuple[Array, Array, Array]:
@@ -61,28 +37,68 @@ def posture_gains(config: TaskConfig) -> tuple[Array, Array, Array]:
 
 
 class TaskStack:
-    """Rows of all tasks, overwritten at every tick.
+    """Rows of all tasks, overwritten at every tick: CoM, torso, hands, feet, posture.
 
     Attributes:
         jacobian: (43, 31).
         target: (43,) xdd_des - Jdot v.
         weight: (43,).
+        kp, kd: (43,) stiffness and damping.
+        error: (43,) x_ref - x.
+        velocity, acceleration: (43,) of the references.
     """
 
-    def __init__(self) -> None:
-        self.jacobian = np.zeros((NUM_ROWS, NV))
-        self.target = np.zeros(NUM_ROWS)
-        self.weight = np.zeros(NUM_ROWS)
+    def __init__(self, config: TaskConfig) -> None:
+        # Side by side, so that Hessian and gradient are one product.
+        self._rows = np.zeros((NUM_ROWS, NV + 1))
+        self.jacobian, self.target = self._rows[:, :NV], self._rows[:, NV]
         # The rows of the posture select the 13 upper-body coordinates and never change.
         self.jacobian[POSTURE, NV - 13 :] = np.eye(13)
+        self.weight, self.kp, self.kd = np.zeros((3, NUM_ROWS))
+        self.error, self.velocity, self.acceleration = np.zeros((3, NUM_ROWS))
+        self._write_gains(COM, *2 * [config.com_horizontal], config.com_vertical)
+        self._write_gains(TORSO, *3 * [config.torso])
+        for rows in HANDS:
+            self._write_gains(rows, *3 * [config.hand_position], *3 * [config.hand_rotation])
+        self.kp[POSTURE], self.kd[POSTURE], self.weight[POSTURE] = posture_gains(config)
+        self.weight[COM], self.weight[TORSO] = config.com_weight, config.torso_weight
+        self._foot = config.foot
 
-    def put(self, rows: slice, jacobian: Array, target: Array, weight: float | Array) -> None:
-        """Set one task's rows."""
-        self.jacobian[rows] = jacobian
-        self.target[rows] = target
-        self.weight[rows] = weight
+    def _write_gains(self, rows: slice, *gains: Gains) -> None:
+        self.kp[rows], self.kd[rows] = [g.kp for g in gains], [g.kd for g in gains]
+
+    def follow(self, rows: slice, kinematics: FrameKinematics, reference: PoseReference) -> None:
+        """Let a frame follow a reference."""
+        error = self.error[rows]
+        np.subtract(reference.position, kinematics.position, out=error[:3])
+        error[3:] = rotation_vector_from_matrix(reference.rotation.dot(kinematics.rotation.T))
+        self.velocity[rows], self.acceleration[rows] = reference.velocity, reference.acceleration
+
+    def follow_foot(
+        self, side: int, kinematics: FrameKinematics, swing: PoseReference | None
+    ) -> None:
+        """Let a foot follow its swing; None: the ground holds it.
+
+        A standing foot has no acceleration and no position reference.
+        """
+        rows = FEET[side]
+        if swing is None:
+            self.kp[rows] = self.kd[rows] = self.acceleration[rows] = 0.0
+        else:
+            self.kp[rows], self.kd[rows] = self._foot.kp, self._foot.kd
+            self.follow(rows, kinematics, swing)
+
+    def finish(self, dynamics: Dynamics) -> None:
+        """Write Jacobians and targets, once references, errors and weights are written."""
+        self.jacobian[:MOVING_ROWS] = dynamics.jacobian
+        measured = np.concatenate((dynamics.velocity, dynamics.motor_velocity[-13:]))
+        target = self.kd * (self.velocity - measured)
+        target += self.kp * self.error
+        target += self.acceleration
+        target[:MOVING_ROWS] -= dynamics.bias
+        self.target[:] = target
 
     def quadratic(self) -> tuple[Array, Array]:
         """Return Hessian (31, 31) and gradient (31,) of 1/2 sum_i w_i |J_i qdd - target_i|^2."""
-        weighted = (self.weight[:, None] * self.jacobian).T
-        return weighted.dot(self.jacobian), -weighted.dot(self.target)
+        both = (self.weight[:, None] * self.jacobian).T.dot(self._rows)
+        return both[:, :NV], -both[:, NV]

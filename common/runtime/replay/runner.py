@@ -9,15 +9,24 @@ unseeded random numbers, no file that has changed.
 """
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
 from common.errors import SchemaError, TrillError
 from common.inbox.inbox import Inbox
 from common.runtime.replay.comparison import Listener, OutputComparison
 from common.runtime.replay.result import Report
-from common.runtime.replay.runs import InputRecord, Key, Recorded, ServiceRun, Step
+from common.runtime.replay.runs import (
+    InputRecord,
+    Key,
+    Recorded,
+    ServiceRun,
+    Step,
+    StepReader,
+)
 from common.runtime.service import Service
 from common.schemas import Message
+from common.topics import JOURNAL
 from common.wire.codec import decode
 from common.wire.header import wire_header
 
@@ -75,12 +84,14 @@ class ReplayRunner:
         self._end_ns = window_ns[1]
         self._on_progress = on_progress
         self._inbox = Inbox(service.reads, service=service.name)
-        self._needed = recorded.needed()
         self._inputs: dict[Key, Recorded] = {}
+        self._steps: deque[Step] = deque()
+        self._journals = StepReader(recorded)
         self._comparison = OutputComparison(
             recorded,
             service.writes,
             self.report,
+            self._advance,
             tolerance=tolerance,
             window_ns=window_ns,
             on_message=on_message,
@@ -93,7 +104,7 @@ class ReplayRunner:
         began = time.perf_counter()
         last: Step | None = None
         try:
-            for step in self._recorded.steps():
+            for step in self._read_steps():
                 if step.now_ns > self._end_ns:
                     break
                 if not self._replay(step):
@@ -117,6 +128,14 @@ class ReplayRunner:
         report.replayed = 1e-9 * (last.now_ns - start) if last else 0.0
         self._on_progress(self._recorded.length, self._recorded.length)
         return report
+
+    def _read_steps(self) -> Iterator[Step]:
+        """Yield every step that can be replayed, from the first; read on for more of them."""
+        while True:
+            while self._steps:
+                yield self._steps.popleft()
+            if self._journals.at_end or not self._advance():
+                return
 
     def _note_early_end(self, step: Step) -> None:
         if step.number + 1 < self._recorded.length:
@@ -149,7 +168,7 @@ class ReplayRunner:
         report.steps += 1
         for output in outputs:
             self._comparison.add_replayed(step, output)
-        self._comparison.compare()
+        self._comparison.end_step(step)
         return True
 
     def _input(self, item: InputRecord, step: Step) -> Message | None:
@@ -189,7 +208,10 @@ class ReplayRunner:
         if header is None:
             return True
         key = (message.topic.name, header.source, header.boot, header.seq)
-        if key in self._needed:
+        if header.seq in self._recorded.needed.get(key[:3], ()):
             self._inputs[key] = message
         self._comparison.add_recorded(message, header)
+        own = header.boot == self._recorded.boot and header.source == self._recorded.service
+        if own and message.topic is JOURNAL:
+            self._steps.extend(self._journals.steps(message))
         return True

@@ -44,8 +44,10 @@ class SimBus:
         self._seed = seed
         self._robot = robot
         self._record = record
-        self._readers: dict[str, list[Inbox]] = {}
+        self._readers: defaultdict[str, list[Inbox]] = defaultdict(list)
         self._callbacks: defaultdict[str, list[Callable[[Any], None]]] = defaultdict(list)
+        self._newest: dict[str, bytes | None] = {}
+        """Payload of the newest message by the name of its topic, where somebody asks for it."""
 
     def boot(self, source: str, run: int) -> int:
         """Return the boot id of a source's ``run``-th run."""
@@ -58,19 +60,32 @@ class SimBus:
 
     def connect(self, inboxes: Iterable[Inbox]) -> None:
         """Deliver to these inboxes from now on, in this order and to no other."""
-        self._readers = {}
+        self._readers = defaultdict(list)
         for inbox in inboxes:
             for name in inbox.topics:
-                self._readers.setdefault(name, []).append(inbox)
+                self._readers[name].append(inbox)
 
     def on_message(self, topic: Topic[M], callback: Callable[[M], None]) -> None:
         """Call ``callback`` with every message of ``topic``, decoded, when it is sent."""
         self._callbacks[topic.name].append(callback)
 
+    def newest(self, topic: Topic[M]) -> Callable[[], M | None]:
+        """Return a function that decodes the newest message of ``topic``; None: none was sent."""
+        name, schema = topic.name, topic.schema
+        self._newest.setdefault(name, None)
+
+        def read() -> M | None:
+            payload = self._newest[name]
+            return None if payload is None else decode(payload, schema)
+
+        return read
+
     def wanted(self, topic: Topic[Any]) -> bool:
         """Whether a message of ``topic`` would be delivered or recorded."""
         name = topic.name
-        return bool(self._record or self._readers.get(name) or self._callbacks.get(name))
+        return bool(
+            self._record or self._readers[name] or self._callbacks[name] or name in self._newest
+        )
 
     def send(
         self,
@@ -92,20 +107,26 @@ class SimBus:
         Raises:
             SchemaError: the message does not fit the wire.
         """
-        if not self.wanted(topic):
+        name = topic.name
+        readers, callbacks = self._readers[name], self._callbacks[name]
+        if not (readers or callbacks or self._record or name in self._newest):
             stamper.count += 1
             return
         now = self._clock()
         payload = with_header(message, encode_body(message), stamper.next(message, now))
-        for inbox in self._readers.get(topic.name, ()):
+        for inbox in readers:
             if inbox is not own:
-                inbox.offer(topic.name, payload, now)
+                inbox.offer(name, payload, now)
         if self._record:
             schema: type[Message] = topic.schema
             key = key_of(self._robot, topic, source)
             self.log.append(RawSample(key, payload, schema_tag(schema), now))
-        for callback in self._callbacks.get(topic.name, ()):
-            callback(decode(payload, topic.schema))
+        if name in self._newest:
+            self._newest[name] = payload
+        if callbacks:
+            decoded = decode(payload, topic.schema)
+            for callback in callbacks:
+                callback(decoded)
 
     def digest(self) -> str:
         """Return the SHA-256 over time, key and payload of everything in :attr:`log`."""

@@ -9,8 +9,10 @@ with the same services, seed and calls are equal byte by byte, provided that no 
 wall clock or draws unseeded random numbers.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from heapq import heapify, heapreplace
+import gc
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from heapq import heapify, heappop, heappush
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -30,6 +32,18 @@ from common.transport.tap import RawSample
 from common.wire.stamper import HeaderStamper
 
 M = TypeVar("M", bound=Message)
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Keep the garbage collector from looking for cycles, of which steps leave none."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 class _Host:
@@ -115,20 +129,15 @@ class SimTimeRunner:
         """Run every step due before ``t_ns``; the clock then stands at ``t_ns``."""
         self._publish_changes()
         queue = self._queue
-        while queue and queue[0][0] < t_ns:
-            due, order, host = queue[0]
-            self._now = due
-            # The queue is updated first, so a step that raises does not come again.
-            heapreplace(queue, (due + host.service.period_ns, order, host))
-            if not host.paused:
-                inbox = host.inbox
-                inbox.begin_step(due)
-                for output in host.service.step(inbox, due):
-                    self._publish(host, output.topic, output.message)
-                if host.journal is not None:
-                    self._end_journal_step(host, host.journal)
-                # A service that has ended itself is stepped no more, like a process that is gone.
-                host.paused = host.service.exit_code is not None
+        with _uncollected():
+            while queue and queue[0][0] < t_ns:
+                self._now, order, host = heappop(queue)
+                try:
+                    if not host.paused:
+                        self._step(host, t_ns)
+                finally:
+                    # A step that raises does not come again either.
+                    heappush(queue, (self._now + host.service.period_ns, order, host))
         self._now = max(self._now, t_ns)
 
     def run_for(self, seconds: float) -> None:
@@ -193,6 +202,13 @@ class SimTimeRunner:
         """Call ``callback`` with every message of ``topic``, decoded, when it is published."""
         self._bus.on_message(topic, callback)
 
+    def newest(self, topic: Topic[M]) -> Callable[[], M | None]:
+        """Return a function that gives the newest message of ``topic``; None: there is none yet.
+
+        For whoever needs few of the messages: only those asked for are decoded.
+        """
+        return self._bus.newest(topic)
+
     def inbox(self, name: str) -> Inbox:
         """The inbox of a service, e.g. for its counters."""
         return self._host(name).inbox
@@ -216,6 +232,39 @@ class SimTimeRunner:
         traceback: TracebackType | None,
     ) -> None:
         self.close()
+
+    def _step(self, host: _Host, t_ns: int) -> None:
+        """Step a service now, and perhaps on before ``t_ns``; the clock is then at its last step.
+
+        Both are what it would do if it were stepped on its own: nothing happens in between.
+        """
+        service, inbox, journal = host.service, host.inbox, host.journal
+        begun, period = self._now, service.period_ns
+        inbox.begin_step(begun)
+        self._now, outputs = service.step_until(inbox, begun, self._alone_until(host, t_ns))
+        if journal is not None:
+            for quiet in range(begun, self._now, period):
+                journal.end_step(quiet)
+                journal.begin_step(quiet + period)
+        for output in outputs:
+            self._publish(host, output.topic, output.message)
+        if journal is not None:
+            self._end_journal_step(host, journal)
+        # A service that has ended itself is stepped no more, like a process that is gone.
+        host.paused = service.exit_code is not None
+
+    def _alone_until(self, host: _Host, t_ns: int) -> int:
+        """Return the time, at most ``t_ns``, before which only ``host`` acts and no input comes."""
+        if self._queue:
+            due, order, _ = self._queue[0]
+            # At equal times the order of the list decides.
+            t_ns = min(t_ns, due + (host.order < order))
+        if (release_ns := host.inbox.next_release_ns()) is not None:
+            t_ns = min(t_ns, release_ns)
+        if host.journal is not None:
+            # The first step from then on publishes it.
+            t_ns = min(t_ns, max(self._now, host.journal_due) + host.service.period_ns)
+        return t_ns
 
     def _end_journal_step(self, host: _Host, journal: Journal) -> None:
         """End a step in the journal; publish it if it is time, or the service has ended."""

@@ -6,48 +6,64 @@ finished set is the one that brought the last success, for any number of workers
 interruption.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from bisect import bisect_left, insort
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import partial
 from itertools import chain, count
+from typing import TYPE_CHECKING
 
 from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.config import EpisodeConfig, collecting_code
-from lab.demonstrations.collect.episode import EpisodeResult, make_episode
 from lab.demonstrations.collect.space import check_room, free, needed, size
 from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.campaign import Executor, run_campaign
 from lab.trials.provenance import CodeVersion
 
+if TYPE_CHECKING:
+    from lab.demonstrations.collect.episode import EpisodeResult
 
-@dataclass
+
 class CollectionProgress:
-    """Progress of the collection.
+    """Progress of the collection; a trial is counted in the same time however many there are.
 
     Attributes:
         wanted: number of successes wanted.
         lines: trials that have been run, by seed.
         resumed: number of trials that an earlier run had left.
+        bytes: size of the files of all trials.
         simulated: robot time run by the workers of this process [s].
         busy: time these workers took [s].
         rendering: time these workers took for pictures [s].
     """
 
-    wanted: int
-    lines: dict[int, IndexLine] = field(default_factory=dict)
-    resumed: int = 0
-    simulated: float = 0.0
-    busy: float = 0.0
-    rendering: float = 0.0
+    def __init__(self, wanted: int, lines: Iterable[IndexLine] = ()) -> None:
+        """Begin with the trials that an earlier run had left."""
+        self.wanted = wanted
+        self.lines: dict[int, IndexLine] = {}
+        self.bytes = 0
+        self.simulated = self.busy = self.rendering = 0.0
+        self._succeeded: list[int] = []
+        """Seeds of the successes, in order."""
+        for line in lines:
+            self.add(line)
+        self.resumed = len(self.lines)
+
+    def add(self, line: IndexLine) -> None:
+        """Count a trial."""
+        self.lines[line.meta.seed] = line
+        self.bytes += line.bytes
+        if line.meta.success:
+            insort(self._succeeded, line.meta.seed)
 
     @property
     def successes(self) -> int:
         """Number of successes so far."""
-        return sum(line.meta.success for line in self.lines.values())
+        return len(self._succeeded)
 
     def successes_below(self, seed: int) -> int:
         """Return the number of successes among the trials with smaller seeds."""
-        return sum(line.meta.success for at, line in self.lines.items() if at < seed)
+        return bisect_left(self._succeeded, seed)
 
     @property
     def complete(self) -> bool:
@@ -104,7 +120,7 @@ def collect(
     check_room(store.root, needed(config, (), 0 if store.files() else wanted))
     with store.writing(config, code, accept_changes, first_seed, wanted) as begin:
         lines = store.scan()
-        progress = CollectionProgress(wanted, {line.meta.seed: line for line in lines}, len(lines))
+        progress = CollectionProgress(wanted, lines)
         # The index of a run that was killed may lack lines, or have a torn one.
         store.write_index(lines)
         on_progress(progress, None)
@@ -119,7 +135,7 @@ def collect(
 
         kinds = {line.meta.machine for line in lines}
 
-        def keep(key: SeedKey, result: EpisodeResult) -> None:
+        def keep(key: SeedKey, result: "EpisodeResult") -> None:
             kind = result.meta.machine
             if kinds and kind not in kinds:
                 on_message(
@@ -128,7 +144,7 @@ def collect(
                 )
             kinds.add(kind)
             line = store.add(result.meta, result.content)
-            progress.lines[key.seed] = line
+            progress.add(line)
             progress.simulated += result.simulated
             progress.busy += result.wall
             progress.rendering += result.rendering
@@ -155,7 +171,10 @@ def collect(
     return progress
 
 
-def _make(config: EpisodeConfig, code: CodeVersion, key: SeedKey) -> EpisodeResult:
+def _make(config: EpisodeConfig, code: CodeVersion, key: SeedKey) -> "EpisodeResult":
     """Make an episode in a worker, by the same code as the campaign's."""
     code.check(collecting_code())
+    # Robot, controller and operator take long to import, and the workers alone need them.
+    from lab.demonstrations.collect.episode import make_episode
+
     return make_episode(config, key.seed)

@@ -63,9 +63,8 @@ class CollectionBar(ProgressBar):
         if progress.simulated:
             parts.append(f"{progress.simulated / elapsed:.2f} x real time")
         if progress.successes:
-            kept = sum(line.bytes for line in progress.lines.values())
-            total = kept * max(1.0, progress.wanted / progress.successes)
-            parts.append(f"{size(kept)} of {size(total)}")
+            total = progress.bytes * max(1.0, progress.wanted / progress.successes)
+            parts.append(f"{size(progress.bytes)} of {size(total)}")
         if made:
             parts.append(f"{3600 * made / elapsed:.0f} an hour")
         return parts

@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from common.episodes.columns import Rows
 from common.episodes.observation import action, observation, times, truth
 from common.schemas import (
-    ControllerState,
     GaitRequest,
     PlantState,
     SceneState,
@@ -43,27 +42,19 @@ class EpisodeRecorder:
             "truth/scene_qpos": scene_names(plant.model, plant.addresses)
         }
         self._gait: GaitRequest | None = None
-        self._state: PlantState | None = None
-        self._controller: ControllerState | None = None
         runner = stack.runner
-        runner.on_message(PLANT_STATE, self._on_state)
-        runner.on_message(WBC_STATE, self._on_controller_state)
+        self._state = runner.newest(PLANT_STATE)
+        self._controller = runner.newest(WBC_STATE)
         runner.on_message(TELEOP_SETPOINT, self._on_setpoint)
         runner.on_message(TELEOP_GAIT, self._on_gait)
         runner.on_message(TASK_STATUS, self._on_task_status)
-
-    def _on_state(self, state: PlantState) -> None:
-        self._state = state
-
-    def _on_controller_state(self, state: ControllerState) -> None:
-        self._controller = state
 
     def _on_task_status(self, status: TaskStatus) -> None:
         if status.verdict is not TaskVerdict.RUNNING and self.verdict_frame < 0:
             self.verdict_frame = len(self.rows)
 
     def _on_setpoint(self, setpoint: Setpoint) -> None:
-        state, controller = self._state, self._controller
+        state, controller = self._state(), self._controller()
         if state is None or controller is None:
             return
         truth_state = self._plant.truth()

@@ -1,50 +1,68 @@
 """Runs the trials that a study lacks, and shows the progress."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Iterable
 from functools import partial
-from statistics import fmean
 
 from lab.progress import ProgressBar, format_duration
 from lab.studies.latency.plan import Plan, TrialKey
 from lab.studies.latency.record import StudyTrial
 from lab.studies.latency.store import StudyStore
-from lab.studies.latency.trial import run_study_trial
 from lab.trials.campaign import Executor, run_campaign
 
 
-@dataclass
 class StudyProgress:
-    """Progress of the study.
+    """Progress of the study; a trial is counted in the same time however many there are.
 
     Attributes:
         wanted: number of trials in all.
-        jobs: trials at a time.
-        todo: trials that were missing at the start, in the order in which they are run.
-        done: trials that have been run.
+        done: number of trials that have been run.
         resumed: number of trials that an earlier run had left.
     """
 
-    wanted: int
-    jobs: int
-    todo: list[TrialKey]
-    done: dict[TrialKey, StudyTrial] = field(default_factory=dict)
-    resumed: int = 0
+    def __init__(self, jobs: int, todo: Iterable[TrialKey], there: Iterable[StudyTrial]) -> None:
+        """Begin.
+
+        Args:
+            jobs: trials at a time.
+            todo: trials that are missing.
+            there: trials that an earlier run had left.
+        """
+        self._jobs = jobs
+        self._missing = Counter((key.task, key.condition) for key in todo)
+        self._walls: dict[tuple[str, str], tuple[int, float]] = {}
+        self.done = 0
+        for trial in there:
+            self._count(trial)
+        self.resumed = self.done
+        self.wanted = self.done + self._missing.total()
+
+    def add(self, trial: StudyTrial) -> None:
+        """Count a trial that was missing."""
+        self._missing[trial.task, trial.condition] -= 1
+        self._count(trial)
+
+    def _count(self, trial: StudyTrial) -> None:
+        kind = (trial.task, trial.condition)
+        number, wall = self._walls.get(kind, (0, 0.0))
+        self._walls[kind] = (number + 1, wall + trial.wall)
+        self.done += 1
 
     @property
     def left(self) -> float | None:
-        """Estimated time left [s], from the trials so far; None: there is none yet."""
+        """Estimated time left [s], from the trials so far; None: there is none yet.
+
+        A trial takes the mean time of those with its task and condition, or of all if there is
+        none yet.
+        """
         if not self.done:
             return None
-        missing = [key for key in self.todo if key not in self.done]
-        walls = (self._usual_wall(key) for key in missing)
-        return sum(walls) / min(self.jobs, max(1, len(missing)))
-
-    def _usual_wall(self, key: TrialKey) -> float:
-        """Return the mean time of trials like ``key``, or of all if there is none yet [s]."""
-        kind = (key.task, key.condition)
-        alike = [trial.wall for k, trial in self.done.items() if (k.task, k.condition) == kind]
-        return fmean(alike or [trial.wall for trial in self.done.values()])
+        usual = (self.done, sum(wall for _, wall in self._walls.values()))
+        total = 0.0
+        for kind, missing in self._missing.items():
+            number, wall = self._walls.get(kind, usual)
+            total += missing * wall / number
+        return total / min(self._jobs, max(1, self._missing.total()))
 
 
 def run_study(
@@ -79,20 +97,19 @@ def run_study(
         known = {
             TrialKey(trial.seed, trial.task, trial.condition): trial for trial in store.trials()
         }
-        done = {key: known[key] for key in keys if key in known}
-        todo = [key for key in keys if key not in done]
-        progress = StudyProgress(len(keys), jobs, todo, done, len(done))
+        todo = [key for key in keys if key not in known]
+        progress = StudyProgress(jobs, todo, [known[key] for key in keys if key in known])
         on_progress(progress, None)
 
-        def keep(key: TrialKey, trial: StudyTrial) -> None:
+        def keep(_key: TrialKey, trial: StudyTrial) -> None:
             store.add(trial)
-            progress.done[key] = trial
+            progress.add(trial)
             on_progress(progress, trial)
 
         if todo:
             run_campaign(
                 todo,
-                partial(run_study_trial, plan),
+                partial(_run_trial, plan),
                 open_executor(),
                 on_result=keep,
                 on_message=on_message,
@@ -101,9 +118,17 @@ def run_study(
     return progress
 
 
+def _run_trial(plan: Plan, key: TrialKey) -> StudyTrial:
+    """Run a trial in a worker."""
+    # Robot, controller and operator take long to import, and the workers alone need them.
+    from lab.studies.latency.trial import run_study_trial
+
+    return run_study_trial(plan, key)
+
+
 def show_progress(bar: ProgressBar, progress: StudyProgress, trial: StudyTrial | None) -> None:
     """Show a bar on a terminal, a line for each trial elsewhere; ``trial`` has just ended."""
-    done, left = len(progress.done), progress.left
+    done, left = progress.done, progress.left
     eta = "" if left is None else f"ETA {format_duration(left)}"
     bar.show(done, progress.wanted, eta)
     if trial is None:

@@ -4,7 +4,7 @@ from math import nan
 
 from pydantic import BaseModel, ConfigDict, create_model
 
-from common.journal.ledger import STAGES
+from common.journal.stages import STAGES
 from common.schemas import LinkHealth
 
 _SOURCES = {

@@ -1,7 +1,7 @@
 """Decodes the contents of MCAP chunks, also of a chunk whose end is missing."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from io import BytesIO
 from typing import Any
 
@@ -29,25 +29,27 @@ def parse_record(data: bytes) -> McapRecord:
     return record
 
 
-def split_records(data: bytes) -> Iterator[McapRecord]:
-    """Yield the complete schemas, channels and messages at the beginning of a chunk's contents."""
+def split_records(data: bytes, skipped: Container[int] = ()) -> Iterator[McapRecord]:
+    """Yield the complete schemas, channels and messages at the beginning of a chunk's contents.
+
+    Messages of the ``skipped`` channels are passed over.
+    """
+    # This is done for every message of a log, so nothing is looked up twice.
+    head, message_head = RECORD_HEAD.unpack_from, _MESSAGE_HEAD.unpack_from
+    size, record, fields, kind = len(data), RECORD_HEAD.size, _MESSAGE_HEAD.size, Opcode.MESSAGE
     start = 0
-    while start + RECORD_HEAD.size <= len(data):
-        opcode, length = RECORD_HEAD.unpack_from(data, start)
-        body = start + RECORD_HEAD.size
+    while start + record <= size:
+        opcode, length = head(data, start)
+        body = start + record
         end = body + length
-        if end > len(data):
+        if end > size:
             return
         try:
-            if opcode == Opcode.MESSAGE:
-                channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, body)
-                yield Message(
-                    channel_id=channel,
-                    log_time=log_time,
-                    data=data[body + _MESSAGE_HEAD.size : end],
-                    publish_time=publish_time,
-                    sequence=sequence,
-                )
+            if opcode == kind:
+                channel, sequence, log_time, publish_time = message_head(data, body)
+                if channel not in skipped:
+                    content = data[body + fields : end]
+                    yield Message(channel, log_time, content, publish_time, sequence)
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 yield parse_record(data[start:end])
         except DECODE_ERRORS:

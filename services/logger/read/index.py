@@ -13,15 +13,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from mcap.opcode import Opcode
-from mcap.reader import SeekingReader
-from mcap.records import Channel, Metadata, Schema
+from mcap.records import Channel, Metadata, MetadataIndex, Schema, Statistics
 from mcap.records import Message as McapMessage
 
 from services.logger.errors import DamagedLogError, LoggerError
-from services.logger.read.chunks import DECODE_ERRORS, RECORD_HEAD
+from services.logger.read.chunks import DECODE_ERRORS, RECORD_HEAD, parse_record
 from services.logger.read.mcap_file import McapFile, Span, open_mcap
 
 _CHUNK_TIMES = struct.Struct("<QQ")
+_CHUNK_INDEX = struct.Struct("<QQQQI")
+"""How a chunk's index begins: first and last arrival, offset, length, size of the next table."""
+_INDEX_OFFSET = struct.Struct("<HQ")
+"""A row of that table: channel, and where its message index is."""
+_LENGTH = struct.Struct("<Q")
+_IN_SUMMARY = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.METADATA_INDEX}
 _INDEX_HEAD = struct.Struct("<HI")
 _INDEX_ENTRY_SIZE = 16
 _INDEX_OVERHEAD = RECORD_HEAD.size + _INDEX_HEAD.size
@@ -30,7 +35,7 @@ _MESSAGE_HEAD = struct.Struct("<HIQ")
 """How the body of a message begins: channel, sequence, log time."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class MessagePlace:
     """A chunk, or a run of messages outside chunks.
 
@@ -89,6 +94,7 @@ class LogIndex:
             for place in self.places:
                 if ids.isdisjoint(place.channels):
                     continue
+                file.release(place.offset)
                 for span in _spans_of(file, place):
                     for record in file.records(span):
                         if isinstance(record, McapMessage) and record.channel_id in ids:
@@ -124,34 +130,59 @@ def _spans_of(file: McapFile, place: MessagePlace) -> Iterator[Span]:
 def _from_summary(file: McapFile) -> LogIndex | None:
     """Use the index at the end of the file; return None if it is unusable."""
     index = LogIndex(file.path, file.size, whole=True)
+    statistics: Statistics | None = None
+    metadata: list[int] = []
+    chunks = _ChunkIndexes()
     try:
-        with file.path.open("rb") as stream:
-            summary = SeekingReader(stream).get_summary()
-            if summary is None or summary.statistics is None:
-                return None
-            for place in sorted(summary.metadata_indexes, key=lambda one: one.offset):
-                records = file.records(file.span_at(place.offset))
-                index.metadata += [one for one in records if isinstance(one, Metadata)]
+        for span in file.summary_spans():
+            if span.opcode == Opcode.CHUNK_INDEX:
+                chunks.add(file.bytes_of(span.body, span.end))
+            elif span.opcode in _IN_SUMMARY:
+                record = parse_record(file.bytes_of(span.start, span.end))
+                if isinstance(record, Schema):
+                    index.schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    index.channels[record.id] = record
+                elif isinstance(record, Statistics):
+                    statistics = record
+                elif isinstance(record, MetadataIndex):
+                    metadata.append(record.offset)
+        for offset in sorted(metadata):
+            records = file.records(file.span_at(offset))
+            index.metadata += [one for one in records if isinstance(one, Metadata)]
     except (*DECODE_ERRORS, DamagedLogError):
         return None
-    index.schemas, index.channels = dict(summary.schemas), dict(summary.channels)
-    index.counts.update(summary.statistics.channel_message_counts)
-    entries = [
-        one.message_index_length - _INDEX_OVERHEAD * len(one.message_index_offsets)
-        for one in summary.chunk_indexes
-    ]
-    index.unplaced = index.counts.total() - sum(entries) // _INDEX_ENTRY_SIZE
-    index.places = [
-        MessagePlace(
-            one.chunk_start_offset,
-            one.chunk_start_offset + one.chunk_length,
-            one.message_start_time,
-            one.message_end_time,
-            frozenset(one.message_index_offsets),
-        )
-        for one in sorted(summary.chunk_indexes, key=lambda one: one.chunk_start_offset)
-    ]
+    if statistics is None:
+        return None
+    index.counts.update(statistics.channel_message_counts)
+    index.unplaced = index.counts.total() - chunks.entries
+    index.places = sorted(chunks.places, key=lambda one: one.offset)
     return index
+
+
+class _ChunkIndexes:
+    """Takes in the chunk indexes of a file, of which a log of hours has a hundred thousand.
+
+    Attributes:
+        places: the chunks.
+        entries: number of messages in them.
+    """
+
+    def __init__(self) -> None:
+        self.places: list[MessagePlace] = []
+        self.entries = 0
+        self._sets: dict[tuple[int, ...], frozenset[int]] = {}
+        """Most chunks have messages of the same channels."""
+
+    def add(self, body: bytes) -> None:
+        """Add the chunk index in ``body``; raise one of DECODE_ERRORS if it is damaged."""
+        start_ns, end_ns, offset, length, size = _CHUNK_INDEX.unpack_from(body)
+        end = _CHUNK_INDEX.size + size
+        numbers = tuple(one for one, _ in _INDEX_OFFSET.iter_unpack(body[_CHUNK_INDEX.size : end]))
+        (indexes_length,) = _LENGTH.unpack_from(body, end)
+        self.entries += (indexes_length - _INDEX_OVERHEAD * len(numbers)) // _INDEX_ENTRY_SIZE
+        channels = self._sets.setdefault(numbers, frozenset(numbers))
+        self.places.append(MessagePlace(offset, offset + length, start_ns, end_ns, channels))
 
 
 def _from_walk(file: McapFile) -> LogIndex:

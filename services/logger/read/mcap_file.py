@@ -10,7 +10,8 @@ goes.
 import mmap
 import os
 import re
-from collections.abc import Iterator
+import struct
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
@@ -45,6 +46,8 @@ _CHUNK_START = re.compile(
     re.DOTALL,
 )
 """How a chunk record begins: opcode, length, times, size, checksum, compression."""
+_CHUNK_TIMES = struct.Struct("<QQ")
+_OFFSET = struct.Struct("<Q")
 _COMPRESSION_OFFSET = 28
 """Of a chunk's compression name in its body."""
 _PARSED = {
@@ -80,6 +83,7 @@ class McapFile:
         self.path = path
         self.size = len(data)
         self._data = data
+        self._released = 0
 
     @property
     def has_start(self) -> bool:
@@ -109,17 +113,19 @@ class McapFile:
         end = body + length
         return Span(opcode, start, body, min(end, self.size), complete=end <= self.size)
 
-    def spans(self) -> Iterator[Span]:
-        """Yield the records up to the footer in order, with the unreadable bytes between them."""
-        start, released = len(MAGIC), 0
+    def spans(self, start: int = 0) -> Iterator[Span]:
+        """Yield the records up to the footer in order, with the unreadable bytes between them.
+
+        With ``start`` they begin with the record at that offset.
+        """
+        start = max(start, len(MAGIC))
         if not self.has_start:
             start = self._next_chunk(0)
             if start:
                 yield Span(UNREADABLE, 0, 0, start)
         while start + RECORD_HEAD.size <= self.size:
             span = self.span_at(start)
-            if start >= released + _WINDOW:
-                released = self._release(released, start)
+            self.release(start)
             if self._is_record(span):
                 yield span
                 if span.opcode == Opcode.FOOTER:
@@ -135,10 +141,26 @@ class McapFile:
         if start < self.size:
             yield Span(UNREADABLE, start, start, self.size)
 
-    def records(self, span: Span) -> Iterator[McapRecord]:
+    def summary_spans(self) -> Iterator[Span]:
+        """Yield the records of the index at the end of a file that has its end.
+
+        Raises:
+            DamagedLogError: there is no index, or its records do not reach to the footer.
+        """
+        footer = self.size - _FOOTER_SIZE
+        (start,) = _OFFSET.unpack_from(self._data, footer + RECORD_HEAD.size)
+        if not len(MAGIC) <= start <= footer:
+            raise DamagedLogError("it has no index")
+        while start < footer:
+            span = self.span_at(start)
+            yield span
+            start = span.end
+
+    def records(self, span: Span, skipped: Container[int] = ()) -> Iterator[McapRecord]:
         """Yield the record at ``span``, or the records in the chunk at ``span``.
 
-        Records of kinds that only serve the index are passed over.
+        Records of kinds that only serve the index are passed over, and messages of the channels
+        ``skipped``.
 
         Raises:
             DamagedLogError: the record is damaged, or the span is unreadable.
@@ -147,11 +169,12 @@ class McapFile:
             raise DamagedLogError(f"the {span.end - span.start} bytes at {span.start} are damaged")
         if span.opcode == Opcode.CHUNK:
             yield from split_records(
-                self.chunk_data(span) if span.complete else self._start_of_chunk_data(span)
+                self.chunk_data(span) if span.complete else self._start_of_chunk_data(span),
+                skipped,
             )
         elif span.opcode == Opcode.MESSAGE:
             # Outside chunks, as other writers may have it.
-            yield from split_records(self.bytes_of(span.start, span.end))
+            yield from split_records(self.bytes_of(span.start, span.end), skipped)
         elif span.opcode in _PARSED:
             try:
                 record = parse_record(self.bytes_of(span.start, span.end))
@@ -181,6 +204,13 @@ class McapFile:
             )
         return data
 
+    def chunk_times(self, chunk: Span) -> tuple[int, int]:
+        """Return the earliest and the latest arrival in a chunk [ns]; zeros if it is cut off."""
+        if chunk.end - chunk.body < _CHUNK_TIMES.size:
+            return 0, 0
+        first, last = _CHUNK_TIMES.unpack_from(self._data, chunk.body)
+        return first, last
+
     def compression(self, chunk: Span) -> str:
         """Return the name of a chunk's compression; empty for none, or if it is not there."""
         start = chunk.body + _COMPRESSION_OFFSET
@@ -188,15 +218,16 @@ class McapFile:
         length = int.from_bytes(name[:4], "little")
         return name[4 : 4 + length].decode(errors="replace")
 
-    def _release(self, start: int, end: int) -> int:
-        """Give back the memory of whole windows before ``end``; return up to where.
+    def release(self, end: int) -> None:
+        """Give back the memory of whole windows before ``end``, since the last time or the start.
 
         Otherwise all of a large file would seem to be in this process's memory in the end.
         """
+        start = self._released if end >= self._released else 0
         end -= end % _WINDOW
-        if isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        if end > start and isinstance(self._data, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
             self._data.madvise(mmap.MADV_DONTNEED, start, end - start)
-        return end
+        self._released = end
 
     def _start_of_chunk_data(self, span: Span) -> bytes:
         """Return as much as can be decompressed of a chunk whose end is missing."""

@@ -1,10 +1,9 @@
 """Reads the messages of a log in order, also of a log whose writer was killed."""
 
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Container, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Channel, McapRecord, Metadata
@@ -17,15 +16,17 @@ from common.wire.codec import decode
 from services.logger.errors import DamagedLogError, LoggerError
 from services.logger.log_format import DELIVERY_METADATA, START_METADATA
 from services.logger.read.delivery import DeliveryCount, DeliveryStats
+from services.logger.read.index import LogIndex, read_index
 from services.logger.read.mcap_file import MAGIC, UNREADABLE, McapFile, Span, open_mcap
 from services.logger.read.segments import existing_segments
 from services.logger.read.time_line import TimeLine
 
 _TOPICS: dict[str, Topic[Any]] = {topic.name: topic for topic in ALL_TOPICS}
+_Channel = tuple[str, Topic[Any] | None, str]
+"""Key, topic and schema tag of a channel's messages."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedMessage:
+class RecordedMessage(NamedTuple):
     """One message of a log, still encoded as on the wire.
 
     Attributes:
@@ -66,6 +67,8 @@ class LogReader:
         origin: how the segment being read was made.
         time_line: the recording's clock, at the segment being read.
         report: the logger's own counts by key; empty if it was killed.
+        start_ns: arrival of the first message, on the recording's clock [ns]; None without any.
+        end_ns: arrival of the last message so far [ns]; that of its chunk is known from its start.
     """
 
     def __init__(self, path: Path) -> None:
@@ -77,32 +80,62 @@ class LogReader:
         self.origin: dict[str, str] = {}
         self.time_line = TimeLine()
         self.report: dict[str, DeliveryCount] = {}
+        self.start_ns: int | None = None
+        self.end_ns = 0
+        self._segment = ""
 
-    def raw_messages(self) -> Iterator[RecordedMessage]:
-        """Yield every message as it came off the wire.
+    def raw_messages(
+        self, topics: Container[Topic[Any]] | None = None, since_ns: int = 0
+    ) -> Iterator[RecordedMessage]:
+        """Yield messages as they came off the wire.
+
+        Args:
+            topics: of these only; None: of all, also unknown ones.
+            since_ns: without the chunks before that with this arrival, on the recording's clock
+                [ns].
 
         Raises:
             LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
         """
         self.truncated = False
         self.time_line = TimeLine()
+        self.start_ns, self.end_ns = None, 0
         read = False
         for path in existing_segments(self.path):
-            self.origin = {}
+            self.origin, self._segment = {}, ""
             with open_mcap(path) as file:
                 if file.size >= len(MAGIC) and not file.has_start:
                     raise LoggerError(f"{path} is not an MCAP log: expected MCAP's magic bytes")
-                channels: dict[int, Channel] = {}
-                begun = False
-                for record in self._records(file):
+                channels: dict[int, _Channel] = {}
+                skipped: set[int] = set()
+                start: int | None = 0
+                if since_ns > 0:
                     read = True
-                    if isinstance(record, Channel):
-                        channels[record.id] = record
-                    elif isinstance(record, McapMessage):
-                        if not begun:
-                            self.time_line.begin_segment(path.name, self.origin)
-                            begun = True
-                        yield _recorded(channels, record, self.time_line.place(record.log_time))
+                    index = read_index(path)
+                    start = self._chunk_at(index, since_ns)
+                    channels = {number: _described(one) for number, one in index.channels.items()}
+                    skipped |= {n for n, one in channels.items() if not _is_wanted(one, topics)}
+                if start is None:
+                    continue
+                for record in self._records(file, skipped, start):
+                    read = True
+                    if isinstance(record, McapMessage):
+                        channel = channels.get(record.channel_id)
+                        if channel is None:
+                            raise DamagedLogError(f"channel {record.channel_id} is not described")
+                        log_time = record.log_time
+                        yield RecordedMessage(
+                            *channel,
+                            record.data,
+                            log_time,
+                            self._place(path, log_time),
+                            record.publish_time,
+                            record.sequence,
+                        )
+                    elif isinstance(record, Channel):
+                        channels[record.id] = channel = _described(record)
+                        if not _is_wanted(channel, topics):
+                            skipped.add(record.id)
                     elif isinstance(record, Metadata):
                         self._note(record)
         if not read:
@@ -129,15 +162,41 @@ class LogReader:
                 continue
             yield raw.topic, message
 
-    def _records(self, file: McapFile) -> Iterator[McapRecord]:
+    def _chunk_at(self, index: LogIndex, since_ns: int) -> int | None:
+        """Return the offset of a segment's first chunk that ends after ``since_ns``, if any."""
+        self.origin = next(iter(index.metadata_named(START_METADATA)), {})
+        for place in index.places:
+            self._place(index.path, place.start_ns)
+            if self._place(index.path, place.end_ns) >= since_ns:
+                return place.offset
+        return None
+
+    def _records(self, file: McapFile, skipped: Container[int], start: int) -> Iterator[McapRecord]:
         """Yield the records of one segment up to its end, or to where it is cut off."""
         last: Span | None = None
-        for last in file.spans():
+        for last in file.spans(start):
             if last.opcode == UNREADABLE and last.end == file.size:
                 break
-            yield from file.records(last)
+            if last.opcode == Opcode.CHUNK:
+                # Messages that are skipped count for the time line all the same.
+                first, end = file.chunk_times(last)
+                if end:
+                    self._place(file.path, first)
+                    self._place(file.path, end)
+            yield from file.records(last, skipped)
         if last is None or last.opcode != Opcode.FOOTER:
             self.truncated = True
+
+    def _place(self, segment: Path, log_time: int) -> int:
+        """Return an arrival on the recording's clock [ns]."""
+        if self._segment != segment.name:
+            self._segment = segment.name
+            self.time_line.begin_segment(segment.name, self.origin)
+        time_ns = self.time_line.place(log_time)
+        if self.start_ns is None:
+            self.start_ns = time_ns
+        self.end_ns = max(self.end_ns, time_ns)
+        return time_ns
 
     def _note(self, record: Metadata) -> None:
         if record.name == START_METADATA:
@@ -146,17 +205,11 @@ class LogReader:
             self.report = DeliveryStats.from_metadata(record.metadata).report()
 
 
-def _recorded(channels: dict[int, Channel], message: McapMessage, time_ns: int) -> RecordedMessage:
-    channel = channels.get(message.channel_id)
-    if channel is None:
-        raise DamagedLogError(f"channel {message.channel_id} is not described")
-    return RecordedMessage(
-        key=channel.topic,
-        topic=_TOPICS.get(channel.metadata.get("topic", "")),
-        tag=channel.metadata.get("schema_tag", ""),
-        payload=message.data,
-        log_time=message.log_time,
-        time_ns=time_ns,
-        publish_time=message.publish_time,
-        sequence=message.sequence,
-    )
+def _described(channel: Channel) -> _Channel:
+    """Return the key, the topic and the schema tag of a channel's messages."""
+    about = channel.metadata
+    return channel.topic, _TOPICS.get(about.get("topic", "")), about.get("schema_tag", "")
+
+
+def _is_wanted(channel: _Channel, topics: Container[Topic[Any]] | None) -> bool:
+    return topics is None or channel[1] in topics

@@ -3,11 +3,9 @@
 from typing import Any, Final
 
 import mujoco
-import numpy as np
 
 from common.robot.joints import GRIPPER_CLOSE_COMMAND, GRIPPER_STROKE
 from common.schemas import PlantState, SceneState
-from common.schemas.arrays import Float64Array as Array
 from services.sim.errors import SceneError
 from services.sim.model.world import Addresses
 
@@ -15,23 +13,23 @@ SQUEEZE_FROM: Final = 0.9
 """Closure from which on the command runs ahead of the jaw, up to the full grip force at 1."""
 
 
-def jaw_command(closure: Array) -> Array:
-    """Return the finger positions to command [m] for closures, which are clipped to 0..1.
+def jaw_command(closure: float) -> float:
+    """Return the finger position to command [m] for a closure, which is clipped to 0..1.
 
     Below :data:`SQUEEZE_FROM` it is the position itself, so that a half-closed command leaves
     a half-closed hand; above, it goes past contact so that the position servo squeezes.
 
     Args:
-        closure: (n,) 0 open to 1 closed.
+        closure: 0 open to 1 closed.
     """
-    closed = np.clip(closure, 0.0, 1.0)
-    squeeze = np.maximum(closed - SQUEEZE_FROM, 0.0) / (1.0 - SQUEEZE_FROM)
+    closed = min(max(closure, 0.0), 1.0)
+    squeeze = max(closed - SQUEEZE_FROM, 0.0) / (1.0 - SQUEEZE_FROM)
     return GRIPPER_STROKE * (1.0 - closed) + GRIPPER_CLOSE_COMMAND * squeeze
 
 
-def jaw_closure(finger: Array) -> Array:
-    """Return the closures 0..1 of finger positions (n,) [m]."""
-    return np.minimum(np.maximum(1.0 - finger / GRIPPER_STROKE, 0.0), 1.0)
+def jaw_closure(finger: float) -> float:
+    """Return the closure 0..1 of a finger's position [m]."""
+    return min(max(1.0 - finger / GRIPPER_STROKE, 0.0), 1.0)
 
 
 def show_state(

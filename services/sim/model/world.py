@@ -52,7 +52,11 @@ def build_spec(scene: str = "flat", *, visuals: bool = True) -> Any:
     _set_physics(spec)
     _add_floor(spec)
     _add_lights(spec)
+    of_robot = len(spec.joints)
     find_scene(scene).build(spec)
+    if len(spec.joints) == of_robot:
+        # A single tree is a single island, so that looking for islands only takes time.
+        spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     if not visuals:
         for geom in [geom for geom in spec.geoms if geom.group == VISUAL_GROUP]:
             spec.delete(geom)
@@ -164,7 +168,7 @@ class Addresses:
         grippers: (2,) gripper actuators in ``data.ctrl``; left, right.
         torso: body id.
         floor: geom id.
-        feet: (2,) geom ids; left, right.
+        feet: geom ids; left, right.
         scene: index in ``data.qpos`` of the first of the scene's joints, which come last.
     """
 
@@ -174,7 +178,7 @@ class Addresses:
     grippers: NDArray[np.intp]
     torso: int
     floor: int
-    feet: NDArray[np.intp]
+    feet: tuple[int, int]
     scene: int
 
 
@@ -200,7 +204,7 @@ def find_addresses(model: Any) -> Addresses:
         grippers=np.array([model.actuator(GRIPPER_ACTUATORS[side]).id for side in sides]),
         torso=model.body(BODY_FRAME).id,
         floor=model.geom(FLOOR_GEOM).id,
-        feet=np.array([model.geom(FOOT_GEOMS[side]).id for side in sides]),
+        feet=(model.geom(FOOT_GEOMS["left"]).id, model.geom(FOOT_GEOMS["right"]).id),
         scene=1 + max(int(model.joint(n).qposadr[0]) for n in (*JOINT_NAMES, *_FINGERS)),
     )
 

@@ -1,29 +1,47 @@
 """White Gaussian noise on a measured state."""
 
+from functools import cache
+
 import numpy as np
 
+from common.robot.joints import NUM_JOINTS
 from common.robot.rotations import multiply, normalised, quaternion_from_rotation_vector
 from common.schemas import PlantState
+from common.schemas.arrays import Float64Array as Array
 from services.sim.config import NoiseConfig
+
+_JOINT_POSITION, _JOINT_VELOCITY = 12, 12 + NUM_JOINTS
+
+
+@cache
+def _deviations(noise: NoiseConfig) -> Array:
+    """Return the standard deviation of every number drawn for a state, in the order drawn."""
+    return np.repeat(
+        (
+            noise.position,
+            noise.orientation,
+            noise.velocity,
+            noise.angular_velocity,
+            noise.joint_position,
+            noise.joint_velocity,
+        ),
+        (3, 3, 3, 3, NUM_JOINTS, NUM_JOINTS),
+    )
 
 
 def add_noise(state: PlantState, noise: NoiseConfig, rng: np.random.Generator) -> PlantState:
     """Return a copy of ``state`` with white noise of these standard deviations."""
-    joints = state.joint_position.size
+    deviations = _deviations(noise)
+    drawn = deviations * rng.standard_normal(deviations.size)
+    # A factor on the right rotates about the body's own axes.
+    turned = multiply(state.base_quaternion, quaternion_from_rotation_vector(drawn[3:6]))
     return state.model_copy(
         update={
-            "base_position": state.base_position + rng.normal(0.0, noise.position, 3),
-            # A factor on the right rotates about the body's own axes.
-            "base_quaternion": normalised(
-                multiply(
-                    state.base_quaternion,
-                    quaternion_from_rotation_vector(rng.normal(0.0, noise.orientation, 3)),
-                )
-            ),
-            "base_linear_velocity": state.base_linear_velocity + rng.normal(0.0, noise.velocity, 3),
-            "base_angular_velocity": state.base_angular_velocity
-            + rng.normal(0.0, noise.angular_velocity, 3),
-            "joint_position": state.joint_position + rng.normal(0.0, noise.joint_position, joints),
-            "joint_velocity": state.joint_velocity + rng.normal(0.0, noise.joint_velocity, joints),
+            "base_position": state.base_position + drawn[:3],
+            "base_quaternion": normalised(turned),
+            "base_linear_velocity": state.base_linear_velocity + drawn[6:9],
+            "base_angular_velocity": state.base_angular_velocity + drawn[9:12],
+            "joint_position": state.joint_position + drawn[_JOINT_POSITION:_JOINT_VELOCITY],
+            "joint_velocity": state.joint_velocity + drawn[_JOINT_VELOCITY:],
         }
     )

@@ -44,20 +44,22 @@ class Pace:
 
 
 class RateTimer:
-    """Tells once per period of the runner's clock that an output is due."""
+    """Tells once per period of the runner's clock that an output is due.
+
+    Attributes:
+        next_ns: time from which it is due [ns]; before 0: at once.
+    """
 
     def __init__(self, rate: int) -> None:
         """Set the rate [Hz]."""
         self._period_ns = 1_000_000_000 // rate
-        self._next_ns: int | None = None
+        self.next_ns = -self._period_ns
 
     def due(self, now_ns: int) -> bool:
         """Return whether a period has begun since the last True; the first call is True."""
-        if self._next_ns is None:
-            self._next_ns = now_ns
-        if now_ns < self._next_ns:
+        if now_ns < self.next_ns:
             return False
-        self._next_ns += self._period_ns
-        if self._next_ns <= now_ns:
-            self._next_ns = now_ns + self._period_ns
+        self.next_ns += self._period_ns
+        if self.next_ns <= now_ns:
+            self.next_ns = now_ns + self._period_ns
         return True

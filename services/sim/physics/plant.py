@@ -15,6 +15,7 @@ from common.plant.stop import StopRecord
 from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
 from common.schemas.arrays import Float64Array as Array
+from common.wire.builder import assembler
 from services.sim.config import NoiseConfig, SimConfig
 from services.sim.errors import TaskError
 from services.sim.model.contacts import GeomContact, foot_normal_forces, geom_contacts
@@ -34,9 +35,14 @@ FALLEN_HEIGHT = 0.5
 FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
 """Cosine of the torso's tilt below which the robot has fallen."""
 
+_PER_JOINT = 1.0 / MOTOR_TO_JOINT.sum(axis=0)
+"""(25,) makes the mean over a motor's joints of their sum."""
+_MOTOR_OF_JOINT = MOTOR_TO_JOINT.argmax(axis=1)
+"""(27,) index of the motor that turns each joint."""
 _AGES_KEPT = 1024
 _SETTLING_STEPS = 200
 _LOG = logging.getLogger(__name__)
+_assemble = assembler(PlantState)
 
 
 class Plant:
@@ -81,12 +87,10 @@ class Plant:
             self.model, self.addresses, self.config.standing_com_height, self.config.stance_width
         )
         self._standing_torque = standing_torque(self.model, self.addresses, self._standing)
-        self._to_position = np.zeros((NUM_MOTORS, self.model.nq))
-        self._to_position[:, self.addresses.qpos] = JOINT_TO_MOTOR
-        self._to_velocity = np.zeros((NUM_MOTORS, self.model.nv))
-        self._to_velocity[:, self.addresses.qvel] = JOINT_TO_MOTOR
         # Views of MuJoCo's memory, which it never moves.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._motor_length = self.data.actuator_length[:NUM_MOTORS]
+        self._motor_velocity = self.data.actuator_velocity[:NUM_MOTORS]
         self._motor_torque = self.data.ctrl[:NUM_MOTORS]
         self._torso_rotation = self.data.xmat[self.addresses.torso]
         self._noiseless = self.config.noise == NoiseConfig()
@@ -124,7 +128,7 @@ class Plant:
             self.now_ns, self._qpos[self.addresses.qpos], self._standing_torque
         )
         self._motor_torque[:] = JOINT_TO_MOTOR @ self._standing_torque
-        self.data.ctrl[self.addresses.grippers] = jaw_command(np.zeros(2))
+        self.data.ctrl[self.addresses.grippers] = jaw_command(0.0)
         mujoco.mj_forward(self.model, self.data)
 
     def _settle_into_floor(self) -> None:
@@ -158,7 +162,9 @@ class Plant:
             command.stiffness,
             command.damping,
         )
-        self.data.ctrl[self.addresses.grippers] = jaw_command(command.gripper_closure)
+        self.data.ctrl[self.addresses.grippers] = [
+            jaw_command(closure) for closure in command.gripper_closure.tolist()
+        ]
         self.command_ages.append((self.now_ns - stamp) * 1e-9)
         return True
 
@@ -173,30 +179,56 @@ class Plant:
         self._push_until_ns = self.now_ns + round(duration * 1e9)
 
     def step(self) -> None:
-        """Advance by one physics step.
+        """Advance by one physics step; see :meth:`advance`."""
+        self.advance(1)
+
+    def advance(self, steps: int) -> None:
+        """Advance by physics steps, at most to the one that changes guard mode or trial.
+
+        Args:
+            steps: most physics steps, at least one; :attr:`steps` tells how many it were.
 
         Raises:
             PlantDivergedError: the physics of robot or scene diverged; only :meth:`reset` helps.
         """
+        before = self.guard.mode
+        for _ in range(steps):
+            self._decide()
+            self._move()
+            judged = self._judge()
+            if judged or self.guard.mode is not before:
+                return
+
+    def _decide(self) -> None:
+        """Let the guard decide what the motors do in the next physics step."""
         self.fallen = self.fallen or self._is_down()
         mode = self.guard.tick(self.now_ns, self.fallen)
         if mode is not self._mode:
             self._enter(mode)
         if self._hold is not None:
             self._follow(self._hold)
-        servo = self.servo
-        self._to_position.dot(self._qpos, out=servo.position)
-        self._to_velocity.dot(self._qvel, out=servo.velocity)
+
+    def _move(self) -> None:
+        """Advance the physics by one step."""
+        model, data, servo = self.model, self.data, self.servo
+        # It also computes lengths and velocities of the actuators, which for a motor are sums.
+        mujoco.mj_step1(model, data)
+        np.multiply(self._motor_length, _PER_JOINT, out=servo.position)
+        np.multiply(self._motor_velocity, _PER_JOINT, out=servo.velocity)
         servo.torque(self._target, self.now_ns, self._motor_torque)
-        mujoco.mj_step(self.model, self.data)
+        mujoco.mj_step2(model, data)
         self.steps += 1
         self.now_ns += PHYSICS_STEP_NS
-        check_state(self.model, self._qpos, self._qvel)
+        check_state(model, self._qpos, self._qvel)
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
-            self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
-        if self.trial is not None and self._trial_from is not None:
-            self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
+            data.xfrc_applied[self.addresses.torso, :3] = 0.0
+
+    def _judge(self) -> bool:
+        """Let the trial see the last physics step; return whether that has changed it."""
+        if self.trial is None or self._trial_from is None:
+            return False
+        return self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
 
     def _is_down(self) -> bool:
         return (
@@ -232,24 +264,27 @@ class Plant:
         """Return the exact state now."""
         addresses, qpos, qvel = self.addresses, self._qpos, self._qvel
         controller = self.guard.controller
+        fingers = qpos[addresses.fingers_qpos].tolist()
         # Not validated: the shapes are MuJoCo's, and receivers check the numbers.
-        return PlantState.model_construct(
-            header=Header(stamp=self.now_ns),
-            base_position=qpos[:3].copy(),
-            base_quaternion=qpos[3:7].copy(),
-            base_linear_velocity=qvel[:3].copy(),
-            base_angular_velocity=qvel[3:6].copy(),
-            joint_position=qpos[addresses.qpos],
-            joint_velocity=qvel[addresses.qvel],
-            joint_torque=MOTOR_TO_JOINT @ self._motor_torque,
-            gripper_closure=jaw_closure(0.5 * qpos[addresses.fingers_qpos].sum(axis=1)),
-            foot_normal_force=foot_normal_forces(self.data, addresses.feet),
-            reset_count=self.reset_count,
-            guard=self.guard.mode,
-            fallen=self.fallen,
-            controller_boot=0 if controller is None else controller.boot,
-            torque_mode=self.config.torque_mode.value,
-            stops=self.guard.stop.stops,
+        return _assemble(
+            {
+                "header": Header(stamp=self.now_ns),
+                "base_position": qpos[:3].copy(),
+                "base_quaternion": qpos[3:7].copy(),
+                "base_linear_velocity": qvel[:3].copy(),
+                "base_angular_velocity": qvel[3:6].copy(),
+                "joint_position": qpos.take(addresses.qpos),
+                "joint_velocity": qvel.take(addresses.qvel),
+                "joint_torque": self._motor_torque[_MOTOR_OF_JOINT],
+                "gripper_closure": np.array([jaw_closure(0.5 * (a + b)) for a, b in fingers]),
+                "foot_normal_force": foot_normal_forces(self.data, addresses.feet),
+                "reset_count": self.reset_count,
+                "guard": self.guard.mode,
+                "fallen": self.fallen,
+                "controller_boot": 0 if controller is None else controller.boot,
+                "torque_mode": self.config.torque_mode.value,
+                "stops": self.guard.stop.stops,
+            }
         )
 
     def measured(self) -> PlantState:

@@ -51,6 +51,11 @@ class Judge:
         self.undesired: dict[Contact, Undesired] = {}
         self._true_since: dict[str, float] = {}
 
+    @property
+    def progress(self) -> tuple[TaskVerdict, int, int]:
+        """Verdict, stages done and undesired contacts: what changes is worth a message."""
+        return self.verdict, len(self.done), len(self.undesired)
+
     def tick(self, snapshot: Snapshot) -> TaskVerdict:
         """Judge the next snapshot and return the verdict; after a final one nothing changes."""
         if self.verdict is not TaskVerdict.RUNNING:

@@ -154,18 +154,24 @@ class Trial:
             at = self._joints[name]
             qpos[at : at + len(values)] = values
 
-    def step(self, time: float, *, fallen: bool) -> None:
+    def step(self, time: float, *, fallen: bool) -> bool:
         """Collect contacts of the last physics step, and judge if it is time.
 
         Args:
             time: since the start of the trial [s].
             fallen: whether the robot has fallen.
+
+        Returns:
+            whether the judge's progress has changed.
         """
         self._steps += 1
         due = self._steps % TICK_STEPS == 0
         self._contacts.collect(between_objects=due)
-        if due:
-            self.judge.tick(self._snapshot(time, fallen=fallen))
+        if not due:
+            return False
+        before = self.judge.progress
+        self.judge.tick(self._snapshot(time, fallen=fallen))
+        return self.judge.progress != before
 
     def _snapshot(self, time: float, *, fallen: bool) -> Snapshot:
         left, right = foot_normal_forces(self._data, self._addresses.feet).tolist()

@@ -9,7 +9,7 @@ from common.inbox.inbox import Inbox
 from common.links.config import Links
 from common.links.spec import LinkSpec
 from common.topics import PLANT_STATE
-from tests.common.inbox.test_inbox import MS, TOPICS, seq, state
+from tests.common.inbox.test_inbox import MS, TOPICS, gait, seq, state
 
 
 def test_link_delays_arrival_exactly() -> None:
@@ -55,6 +55,20 @@ def test_delayed_trigger_arrives_when_due() -> None:
     assert inbox.trigger_arrival(7 * MS) == 6 * MS
     inbox.begin_step(7 * MS)
     assert seq(inbox) == 0
+
+
+def test_next_release_is_the_arrival_until_the_link_knows_the_delay() -> None:
+    inbox = Inbox(TOPICS, links=Links.from_table({"plant/state": "5ms"}))
+    assert inbox.next_release_ns() is None
+    inbox.offer("plant/state", state(0), MS)
+    assert inbox.next_release_ns() == MS
+    inbox.begin_step(2 * MS)
+    assert inbox.next_release_ns() == 6 * MS
+    inbox.offer("teleop/gait", gait(0), 3 * MS)
+    assert inbox.next_release_ns() == 3 * MS
+    inbox.begin_step(6 * MS)
+    assert seq(inbox) == 0
+    assert inbox.next_release_ns() is None
 
 
 def test_a_payload_put_while_a_link_is_set_is_delayed(monkeypatch: pytest.MonkeyPatch) -> None:

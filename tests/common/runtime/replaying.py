@@ -6,7 +6,7 @@ from typing import Any
 from common.journal.tables import read_tables
 from common.runtime.replay.result import Report
 from common.runtime.replay.runner import ReplayRunner
-from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
+from common.runtime.replay.runs import Recorded, ServiceRun, Step, StepReader, find_runs
 from common.runtime.service import Inputs, Output, Service
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import Header, StepJournal
@@ -122,6 +122,23 @@ def run_of(messages: Sequence[Recorded], service: str, number: int = 1) -> Servi
     return next(
         run for run in find_runs(messages) if (run.service, run.number) == (service, number)
     )
+
+
+def steps_of(messages: Sequence[Recorded], service: str) -> list[Step]:
+    run = run_of(messages, service)
+    reader = StepReader(run)
+    journals = [
+        message
+        for message in messages
+        if message.topic is JOURNAL and sender_of(message) == (run.service, run.boot)
+    ]
+    return [step for message in journals for step in reader.steps(message)]
+
+
+def sender_of(message: Recorded) -> tuple[str, int]:
+    header = wire_header(message.payload)
+    assert header is not None
+    return header.sender
 
 
 def replay(service: Service, messages: Sequence[Recorded], number: int = 1, **how: Any) -> Report:

@@ -12,7 +12,9 @@ from common.runtime.replay.runner import ReplayRunner
 from common.runtime.replay.runs import Recorded, ServiceRun, find_runs
 from common.runtime.service import Inputs, Output
 from common.runtime.simulated.runner import SimTimeRunner
+from common.schemas import Header
 from common.topics import CAMERA_LEFT, JOURNAL, PLANT_STATE, WBC_COMMAND
+from common.wire.codec import encode
 from tests.common.runtime.replaying import (
     LINKS,
     jittery,
@@ -20,6 +22,7 @@ from tests.common.runtime.replaying import (
     recorded,
     replay,
     run_of,
+    steps_of,
     without_payloads,
 )
 from tests.common.runtime.toys import (
@@ -71,7 +74,7 @@ def test_an_input_that_is_not_there_is_named(messages: list[Recorded]) -> None:
     whole = without_payloads(messages)
     taken = [
         item.key[3]
-        for step in run_of(whole, "wbc").steps()
+        for step in steps_of(whole, "wbc")
         for item in step.inputs
         if item.key[0] == "plant/state"
     ]
@@ -151,7 +154,8 @@ def test_a_failure_is_replayed_too() -> None:
     assert message is not None
     run = ServiceRun("wbc", 1, 1)
     run.add(message)
-    report = ReplayRunner(Fragile(), run, []).run()
+    payload = encode(message, Header(source="wbc", boot=1))
+    report = ReplayRunner(Fragile(), run, [Recorded(JOURNAL, payload, "", 0)]).run()
     assert report.stopped == ""
     assert "ValueError: broken on purpose" in report.failure
 

@@ -54,7 +54,7 @@ def test_wrong_values_are_explained(
 def test_every_command_takes_a_directory_or_any_file_for_a_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(report, "draw_pictures", lambda _log, video: "")
+    monkeypatch.setattr(report, "draw_pictures", lambda _log, _timeline, video: "")
     recorded(tmp_path)
     (tmp_path / "log.mcap").rename(tmp_path / "saved.mcap")
     saved = str(tmp_path / "saved.mcap")
@@ -80,7 +80,7 @@ def test_a_log_alone_does_not_say_that_the_run_was_completed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recorded(tmp_path)
-    monkeypatch.setattr(report, "draw_pictures", lambda _run_dir, video: [])
+    monkeypatch.setattr(report, "draw_pictures", lambda _log, _timeline, video: "")
     assert main(["report", str(tmp_path / "log.mcap")]) == 0
     assert "outcome        unknown" in capsys.readouterr().out
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "unknown"

@@ -1,7 +1,7 @@
 """The latency breakdown of a log: exact figures, links over time, files and texts."""
 
 import csv
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from io import StringIO
 from math import isnan
 from pathlib import Path
@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from common.journal.ledger import STAGES, Ledger
+from common.journal.ledger import Ledger
+from common.journal.stages import STAGES
 from common.journal.tables import UNKNOWN, InputOutcome
 from common.schemas import Header, InputSource, LinkChange, LinkHealth, Message, StepJournal
 from common.topics import HEALTH, JOURNAL, LINK_CHANGE, Topic
@@ -78,9 +79,11 @@ class FakeLog:
     def __init__(self, *pairs: tuple[Topic[Any], Message]) -> None:
         self.path = Path("made up.mcap")
         self._pairs = pairs
+        self.start_ns, self.end_ns = (pairs[i][1].header.sent - CLOCK for i in (0, -1))
 
-    def raw_messages(self) -> Iterator[RecordedMessage]:
+    def raw_messages(self, topics: Collection[Topic[Any]]) -> Iterator[RecordedMessage]:
         for topic, message in self._pairs:
+            assert topic in topics
             sent = message.header.sent
             yield RecordedMessage(
                 key=key_of("draco3", topic, message.header.source),

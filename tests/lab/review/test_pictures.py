@@ -15,6 +15,7 @@ from lab.review.frames import with_caption
 from lab.review.pictures import COLUMNS, TILE, VIDEO, write_contact_sheet, write_video
 from lab.review.report import draw_pictures
 from lab.review.timeline import Timeline, read_timeline
+from services.logger.read.reader import LogReader
 from services.sim.errors import RenderingUnavailableError
 from services.sim.rendering.render import render_states
 from tests.lab.review.synthetic import FakeRobot
@@ -78,7 +79,8 @@ def test_without_graphics_the_run_is_as_good(
 
     monkeypatch.setattr(tiles, "render_states", unavailable)
     recorded(tmp_path)
-    reason = draw_pictures(tmp_path / "log.mcap", video=True)
+    log = tmp_path / "log.mcap"
+    reason = draw_pictures(log, read_timeline(LogReader(log).messages()), video=True)
     assert reason == "no pictures: no off-screen OpenGL: install libegl1"
 
 

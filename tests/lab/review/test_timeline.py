@@ -6,13 +6,13 @@ import pytest
 from common.schemas import CameraFrame, Gait, OperatorStatus
 from common.topics import CAMERA_LEFT, PLANT_TRUTH, TELEOP_STATUS
 from lab.review import timeline as timeline_module
+from lab.review.key_moments import key_moments
 from lab.review.timeline import (
     MAX_IMAGES,
     RATE,
     Timeline,
     frame_step,
     image_at,
-    key_moments,
     read_timeline,
 )
 from tests.lab.review.synthetic import MS, FakeRobot, Pair

@@ -83,8 +83,9 @@ def test_an_unknown_scene_is_refused_with_the_known_ones() -> None:
 
 
 def test_closure_and_jaw_agree() -> None:
-    closures = np.array([0.0, 0.25, 0.5, 0.9])
-    assert jaw_command(closures) == pytest.approx([0.045, 0.03375, 0.0225, 0.0045])
-    assert jaw_closure(jaw_command(closures)) == pytest.approx(closures)
-    assert jaw_command(np.array([1.0, 1.5, -1.0])) == pytest.approx([-0.02, -0.02, 0.045])
-    assert jaw_closure(np.array([-0.001, 0.046])) == pytest.approx([1.0, 0.0])
+    closures = [0.0, 0.25, 0.5, 0.9]
+    commands = [jaw_command(closure) for closure in closures]
+    assert commands == pytest.approx([0.045, 0.03375, 0.0225, 0.0045])
+    assert [jaw_closure(finger) for finger in commands] == pytest.approx(closures)
+    assert [jaw_command(closure) for closure in (1.0, 1.5, -1.0)] == pytest.approx([-0.02, -0.02, 0.045])
+    assert [jaw_closure(finger) for finger in (-0.001, 0.046)] == [1.0, 0.0]

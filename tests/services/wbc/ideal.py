@@ -60,8 +60,9 @@ class IdealRobot:
             )
             for foot, (position, yaw) in zip(self._dynamics.feet, self.feet, strict=True)
         ]
+        velocity = np.concatenate((self.com_velocity, np.zeros(27)))
         return self._dynamics._replace(
-            feet=(feet[0], feet[1]), com_position=self.com, com_velocity=self.com_velocity
+            feet=(feet[0], feet[1]), com_position=self.com, velocity=velocity
         )
 
     def run(self, seconds: float) -> None:

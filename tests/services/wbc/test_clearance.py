@@ -10,7 +10,7 @@ import pytest
 from common.robot import joints
 from common.robot.frames import COLLISION_SUFFIX
 from services.wbc.clearance import HULLS, LEVER, PAIRS, REACH, UPPER_ARM_REACH
-from services.wbc.config import LimitConfig, WbcConfig
+from services.wbc.config import LimitConfig, TaskConfig, WbcConfig
 from services.wbc.errors import ModelError
 from services.wbc.qp import QpBuilder, QpData
 from services.wbc.robot_model import NV, Dynamics, RobotModel, RobotState
@@ -222,7 +222,7 @@ def test_barrier_brakes_an_approach_and_pushes_out_of_the_margin() -> None:
     velocity[shoulder] = -1.0  # inwards
     moving = make_state(state.base_position, state.base_quaternion, position, None, velocity)
     dynamics = model.update(RobotState.from_plant(moving))
-    data = builder.build(dynamics, TaskStack(), (800.0, 800.0), (180.0, 180.0))
+    data = builder.build(dynamics, TaskStack(TaskConfig()), (800.0, 800.0), (180.0, 180.0))
     index = dynamics.clearance.pairs.index(("l_upper_arm", "trunk"))
     distance, rate = dynamics.clearance.distance[index], dynamics.clearance.rate[index]
     assert rate < -0.05

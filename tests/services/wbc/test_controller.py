@@ -14,23 +14,21 @@ from common.robot.rotations import (
 )
 from common.schemas import Gait
 from services.sim.physics.stance import standing_torque
-from services.wbc.config import Gains, TaskConfig, WbcConfig
+from services.wbc.config import TaskConfig, WbcConfig
 from services.wbc.controller import MAX_DUMPS, TORQUE_SHARE, Command, Controller
 from services.wbc.qp import NORMAL, QpBuilder, QpData
 from services.wbc.references import PoseReference
-from services.wbc.robot_model import Dynamics, RobotModel, RobotState
-from services.wbc.solvers import make_solver
-from services.wbc.tasks import (
+from services.wbc.robot_model import (
     COM,
     FEET,
     HANDS,
-    POSTURE,
     TORSO,
-    TaskStack,
-    pose_acceleration,
-    pose_gains,
-    posture_gains,
+    Dynamics,
+    RobotModel,
+    RobotState,
 )
+from services.wbc.solvers import make_solver
+from services.wbc.tasks import POSTURE, TaskStack, posture_gains
 
 from .bench import Bench
 from .support import Array, nominal_state, random_states, setpoint
@@ -153,7 +151,7 @@ def test_task_rows_are_the_models_jacobians(model: RobotModel) -> None:
     for k, state in enumerate(random_states(5, seed=33)):
         controller.tick(state, k * DT)
         dynamics = model.update(RobotState.from_plant(state))
-        assert np.array_equal(stack.jacobian[COM], dynamics.com_jacobian)
+        assert np.array_equal(stack.jacobian[COM], dynamics.jacobian[COM])
         torso = np.zeros((3, 31))
         torso[:, 3:6] = dynamics.base_rotation
         assert np.array_equal(stack.jacobian[TORSO], torso)
@@ -174,7 +172,7 @@ def test_first_targets_only_brake(model: RobotModel) -> None:
         controller.tick(state, 1.0)
         target, dynamics = controller.stack.target, model.update(RobotState.from_plant(state))
         kd = np.array([13.0, 13.0, 20.0])
-        braking = -kd * dynamics.com_velocity - dynamics.com_bias
+        braking = -kd * dynamics.com_velocity - dynamics.bias[COM]
         assert np.abs(target[COM] - braking).max() < 1e-9
         for rows, hand in zip(HANDS, dynamics.hands, strict=True):
             kd = np.repeat([28.0, 24.0], 3)
@@ -194,17 +192,19 @@ def test_first_targets_only_brake(model: RobotModel) -> None:
 
 
 def test_pose_task_is_a_pd_law_with_feed_forward(model: RobotModel) -> None:
-    foot = model.update(RobotState.from_plant(random_states(1, seed=2)[0])).feet[0]
-    kp, kd = pose_gains(Gains(kp=200.0, kd=28.0), Gains(kp=150.0, kd=24.0))
+    dynamics = model.update(RobotState.from_plant(random_states(1, seed=2)[0]))
+    hand, stack = dynamics.hands[0], TaskStack(TaskConfig())
     turn = np.array([0.1, -0.2, 0.3])
     offset, velocity = np.array([0.01, 0.02, -0.03]), np.arange(6.0)
     reference = PoseReference(
-        foot.position + offset,
-        matrix_from_rotation_vector(turn) @ foot.rotation,
-        foot.velocity + velocity,
+        hand.position + offset,
+        matrix_from_rotation_vector(turn) @ hand.rotation,
+        hand.velocity + velocity,
         np.full(6, 2.0),
     )
-    desired = pose_acceleration(foot, reference, kp, kd)
+    stack.follow(HANDS[0], hand, reference)
+    stack.finish(dynamics)
+    desired = stack.target[HANDS[0]] + hand.bias
     assert desired[:3] == pytest.approx(2.0 + 200.0 * offset + 28.0 * velocity[:3])
     assert desired[3:] == pytest.approx(2.0 + 150.0 * turn + 24.0 * velocity[3:])
 
@@ -220,8 +220,9 @@ def test_posture_gains_by_joint() -> None:
 
 def test_stack_sums_weighted_squares() -> None:
     rng = np.random.default_rng(0)
-    stack = TaskStack()
-    stack.put(slice(0, 43), rng.normal(size=(43, 31)), rng.normal(size=43), rng.uniform(size=43))
+    stack = TaskStack(TaskConfig())
+    stack.jacobian[:], stack.target[:] = rng.normal(size=(43, 31)), rng.normal(size=43)
+    stack.weight[:] = rng.uniform(size=43)
     hessian, gradient = stack.quadratic()
     qdd = rng.normal(size=31)
     residual = stack.jacobian @ qdd - stack.target

@@ -42,9 +42,8 @@ def case(request: pytest.FixtureRequest, model: RobotModel) -> Case:
     """A QP at a random state with random tasks."""
     rng = np.random.default_rng(request.param)
     dynamics = model.update(RobotState.from_plant(random_states(3, seed=10)[request.param]))
-    stack = TaskStack()
-    rows = slice(0, NUM_ROWS)
-    stack.put(rows, rng.normal(size=(NUM_ROWS, NV)), rng.normal(size=NUM_ROWS), 1.0)
+    stack = TaskStack(TaskConfig())
+    stack.jacobian[:], stack.target[:] = rng.normal(size=(NUM_ROWS, NV)), rng.normal(size=NUM_ROWS)
     stack.weight[:] = rng.uniform(0.1, 60.0, NUM_ROWS)
     builder = QpBuilder(CONFIG)
     return builder, builder.build(dynamics, stack, FZ_MAX, FZ_WISH), dynamics, stack
@@ -91,7 +90,7 @@ def test_dynamics_rows(case: Case) -> None:
     x, qdd, wrenches = _point(3)
     force = dynamics.mass_matrix @ qdd + dynamics.bias_force
     for side, wrench in enumerate(wrenches):
-        force = force - dynamics.foot_wrench_jacobian(side).T @ wrench
+        force = force - dynamics.sole_jacobians[side].T @ wrench
     rows = data.A @ x
     assert np.abs(rows[:6] - data.l[:6] - force[:6]).max() < 1e-9
     assert np.array_equal(data.l[:6], data.u[:6])
@@ -150,7 +149,7 @@ def test_acceleration_rows(case: Case) -> None:
 @pytest.mark.parametrize("side", [0, 1])
 def test_an_airborne_foot_has_no_wrench(model: RobotModel, side: int) -> None:
     builder = QpBuilder(CONFIG)
-    stack = TaskStack()
+    stack = TaskStack(TaskConfig())
     dynamics = model.update(RobotState.from_plant(nominal_state()))
     standing = builder.build(dynamics, stack, FZ_MAX, FZ_WISH)
     A, l, u = standing.A.copy(), standing.l.copy(), standing.u.copy()  # noqa: E741

@@ -8,6 +8,7 @@ from common.robot import frames, joints
 from common.robot.rotations import rotation_vector_from_matrix
 from services.wbc.errors import ModelError
 from services.wbc.robot_model import (
+    COM,
     NV,
     SIDES,
     Dynamics,
@@ -98,14 +99,14 @@ def test_frame_jacobian_against_differences(
 
 def test_com_jacobian_against_differences(model: RobotModel, states: list[RobotState]) -> None:
     for state in states:
-        jacobian = model.update(state).com_jacobian
+        jacobian = model.update(state).jacobian[COM]
         for i, unit in enumerate(np.eye(NV)):
             ahead = model.update(_moved(model, state, STEP * unit)).com_position
             behind = model.update(_moved(model, state, -STEP * unit)).com_position
             assert np.abs((ahead - behind) / (2.0 * STEP) - jacobian[:, i]).max() < TOLERANCE
 
 
-def test_foot_wrench_jacobian_carries_power(model: RobotModel, states: list[RobotState]) -> None:
+def test_sole_jacobian_carries_power(model: RobotModel, states: list[RobotState]) -> None:
     """J' f does the work that f, expressed in the sole, does on the sole's own velocity."""
     rng = np.random.default_rng(7)
     for state in states:
@@ -118,7 +119,7 @@ def test_foot_wrench_jacobian_carries_power(model: RobotModel, states: list[Robo
             linear = (ahead.position - behind.position) / (2.0 * STEP)
             angular = _rotation_rate(ahead.rotation, behind.rotation)
             power = wrench[:3] @ foot.rotation.T @ linear + wrench[3:] @ foot.rotation.T @ angular
-            jacobian = dynamics.foot_wrench_jacobian(side)
+            jacobian = dynamics.sole_jacobians[side]
             assert wrench @ jacobian @ reduced == pytest.approx(power, abs=1e-5)
 
 
@@ -136,7 +137,7 @@ def test_velocities_against_differences(model: RobotModel, states: list[RobotSta
             assert np.abs(frame.velocity - frame.jacobian @ reduced).max() < 1e-12
         moved = (ahead.com_position - behind.com_position) / (2.0 * STEP)
         assert np.abs(dynamics.com_velocity - moved).max() < 1e-6
-        assert np.abs(dynamics.com_velocity - dynamics.com_jacobian @ reduced).max() < 1e-12
+        assert np.abs(dynamics.com_velocity - dynamics.jacobian[COM] @ reduced).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", FRAMES)
@@ -153,7 +154,7 @@ def test_frame_bias_against_differences(
 
 def test_com_bias_against_differences(model: RobotModel, states: list[RobotState]) -> None:
     for state in states:
-        bias, reduced = model.update(state).com_bias, reduced_velocity(state)
+        bias, reduced = model.update(state).bias[COM], reduced_velocity(state)
         ahead = model.update(_moved(model, state, STEP * reduced)).com_velocity
         behind = model.update(_moved(model, state, -STEP * reduced)).com_velocity
         assert np.abs((ahead - behind) / (2.0 * STEP) - bias).max() < 1e-6 * (1 + abs(bias).max())

@@ -5,11 +5,17 @@
 - tcp: a socket without delay, blocking reads.
 
 They take turns, one of each kind (in blocks of 50 when back to back), so that whatever else the
-machine does meets all kinds alike. ``python round_trips.py KIND PORT`` is the echo process, which
-inherits the scheduling of the process that starts it.
+machine does meets all kinds alike. ``round_trips.py KIND PORT`` is the echo process, which inherits
+scheduling and import path of the process that starts it.
+
+    python benchmarks/workloads/round_trips.py [ROUNDS]
+
+Results, back to back and with the scheduling of the services: ``typed_us``, ``zenoh_us`` and
+``tcp_us``, medians.
 """
 
 import gc
+import json
 import os
 import socket
 import subprocess
@@ -18,12 +24,14 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
 
 from common.inbox.inbox import Inbox
 from common.inbox.subscriptions import subscribe
+from common.runtime.live.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.schemas import Header, PlantState
 from common.topics import PLANT_STATE, PLANT_TRUTH, Topic
 from common.transport.config import BusConfig
@@ -33,6 +41,7 @@ from common.wire.codec import encode
 
 ROBOT = "bench"
 TIMEOUT_S = 20.0
+ROUNDS = 3000
 BLOCK = 50
 """Back to back, this many of one kind before the next kind."""
 RAW_PING, RAW_PONG = f"{ROBOT}/raw/ping", f"{ROBOT}/raw/pong"
@@ -109,7 +118,7 @@ class RawEnd:
 
 
 def echo(kind: str, port: int) -> None:
-    """Answer until killed."""
+    """Answer until killed, or until the connection ends."""
     if kind == "typed":
         typed = TypedEnd("wbc", port, PLANT_TRUTH, PLANT_STATE)
         while True:
@@ -177,14 +186,17 @@ def tcp_round_trip(server: socket.socket, payload: bytes) -> tuple[RoundTrip, Ca
     return go, connection.close
 
 
-def measure_round_trips(rounds: int, rate: float) -> None:
-    """Print medians, 99th percentiles and ratios of the three kinds."""
+def measure_round_trips(rounds: int, rate: float) -> dict[str, list[int]]:
+    """Print medians, 99th percentiles and ratios of the three kinds.
+
+    Returns:
+        the times by kind [ns].
+    """
     payload = encode(plant_state(), HEADER)
     server = socket.create_server(("127.0.0.1", 0))
     base = server.getsockname()[1] % 20_000 + 30_000
     ports = {"typed": base, "zenoh": base + 16, "tcp": server.getsockname()[1]}
-    root = Path(__file__).resolve().parents[1]
-    environment = os.environ | {"PYTHONPATH": str(root)}
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, str(Path(__file__).resolve())]
     echoes = [
         subprocess.Popen([*command, kind, str(port)], env=environment)
@@ -217,19 +229,31 @@ def measure_round_trips(rounds: int, rate: float) -> None:
     pace = f"one at a time at {rate:g} Hz, caches cold" if rate else "back to back"
     print(f"round trip of {len(payload)} bytes, {len(times['tcp'])} of each kind, {pace}")
     report(times)
+    return times
 
 
 def report(times: dict[str, list[int]]) -> None:
     """Print one line a kind, with its ratio to plain Zenoh."""
     reference = np.percentile(times["zenoh"], [50, 99])
     for kind, samples in times.items():
-        median, p99 = np.percentile(samples, [50, 99])
+        middle, p99 = np.percentile(samples, [50, 99])
         print(
-            f"  {kind:6s} median {median / 1e3:7.1f} us   p99 {p99 / 1e3:8.1f} us   "
-            f"x{median / reference[0]:.2f} / x{p99 / reference[1]:.2f} of plain zenoh"
+            f"  {kind:6s} median {middle / 1e3:7.1f} us   p99 {p99 / 1e3:8.1f} us   "
+            f"x{middle / reference[0]:.2f} / x{p99 / reference[1]:.2f} of plain zenoh"
         )
 
 
-if __name__ == "__main__":
+def main() -> int:
+    """Echo, or measure and print the result."""
     gc.disable()  # as the live runner does during steps
-    echo(sys.argv[1], int(sys.argv[2]))
+    if len(sys.argv) == 3:
+        echo(sys.argv[1], int(sys.argv[2]))
+        return 0
+    enter_realtime(DEFAULT_PRIORITY)
+    times = measure_round_trips(int(sys.argv[1]) if len(sys.argv) == 2 else ROUNDS, 0.0)
+    print(json.dumps({f"{kind}_us": 1e-3 * median(samples) for kind, samples in times.items()}))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

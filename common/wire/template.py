@@ -1,0 +1,149 @@
+"""Read a message that differs from an earlier one only in its counts and arrays.
+
+Most messages of a publisher are like its last one but for the counts and times in the header and
+the numbers in the arrays. A message that was decoded and found good therefore serves as a template:
+its bytes with holes in these places. One operation takes another message apart, one comparison
+shows that everything around the holes has been checked before, and only what is in the holes is
+checked again. That is a third of the work of reading the message as if nothing were known.
+"""
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import msgpack
+
+from common.errors import SchemaError
+from common.schemas import Header, Message
+from common.wire.arrays import ArrayLayout, checked_views
+from common.wire.builder import assembler
+
+_PLAIN = (bool, int, float, str)
+"""Types of the values that messages may share: nobody can change them."""
+_COUNTS = {0xCC: "B", 0xCD: "H", 0xCE: "I", 0xCF: "Q"}
+"""Layout of an unsigned number by the byte in front of it; smaller ones have no such byte."""
+_END = 2**63
+"""Counts are below it."""
+
+_assemble_header = assembler(Header)
+
+
+@dataclass(frozen=True)
+class Template:
+    """A good message, to read others by.
+
+    Attributes:
+        unpack: takes it apart into bytes around the holes and, in between, what is in these.
+        around: the bytes around the holes.
+        counts: fields of the header that have a hole.
+        header: values of all its fields.
+        values: of all fields of the message, in the order of the schema.
+        arrays: its array fields; their holes follow those of the counts.
+        assemble: makes a message from checked values.
+    """
+
+    unpack: Callable[[bytes], tuple[Any, ...]]
+    around: tuple[bytes, ...]
+    counts: tuple[str, ...]
+    header: dict[str, Any]
+    values: dict[str, Any]
+    arrays: ArrayLayout
+    assemble: Callable[[dict[str, Any]], Message]
+
+    def read(self, payload: bytes, injected_ns: int) -> Message | None:
+        """Return the message in a payload of this size; None unless it is like this one and good.
+
+        Args:
+            payload: the bytes received.
+            injected_ns: delay injected on the way [ns], noted in the header; 0 leaves it as it is.
+        """
+        parts = self.unpack(payload)
+        if parts[::2] != self.around:
+            return None
+        holes = parts[1::2]
+        header = dict(self.header)
+        for name, count in zip(self.counts, holes, strict=False):
+            if count >= _END:
+                return None
+            header[name] = count
+        if injected_ns:
+            header["injected"] = injected_ns
+        values = dict(self.values)
+        values["header"] = _assemble_header(header)
+        try:
+            views = checked_views(b"".join(holes[len(self.counts) :]), self.arrays)
+        except SchemaError:
+            return None
+        for name, view in zip(self.arrays.specs, views, strict=True):
+            values[name] = view
+        return self.assemble(values)
+
+
+class _Outline:
+    """A message's bytes with holes, as they are collected from its beginning."""
+
+    def __init__(self) -> None:
+        self.layout = ">"
+        """Of what was collected, for :mod:`struct`."""
+        self.around: list[bytes] = []
+        self._run = b""
+
+    def add(self, data: bytes) -> None:
+        """Add bytes that stay the same."""
+        self._run += data
+
+    def end_run(self, hole: str = "") -> None:
+        """Add a hole of a layout, or nothing at the end of the message."""
+        self.layout += f"{len(self._run)}s{hole}"
+        self.around.append(self._run)
+        self._run = b""
+
+
+def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
+    """Make a template of a message and the bytes that it was decoded from.
+
+    Returns:
+        None if it has parts that can be changed, or if the bytes are not exactly what
+        :func:`common.wire.codec.encode` makes of it.
+    """
+    values = dict(message.__dict__)
+    del values["header"]
+    if not all(name in arrays.specs or isinstance(values[name], _PLAIN) for name in values):
+        return None
+    packer, outline = msgpack.Packer(), _Outline()
+    # Before it is received nothing has been injected.
+    header = {**message.header.__dict__, "injected": 0}
+    outline.add(packer.pack_map_header(1 + len(values)) + packer.pack("header"))
+    outline.add(packer.pack_map_header(len(header)))
+    counts = []
+    for name, value in header.items():
+        packed = packer.pack(value)
+        outline.add(packer.pack(name))
+        if isinstance(value, int) and packed[0] in _COUNTS:
+            outline.add(packed[:1])
+            outline.end_run(_COUNTS[packed[0]])
+            counts.append(name)
+        else:
+            outline.add(packed)
+    for name, value in values.items():
+        is_array = name in arrays.specs
+        packed = packer.pack(value.tobytes() if is_array else value)
+        size = value.nbytes if is_array else 0
+        outline.add(packer.pack(name) + packed[: len(packed) - size])
+        if is_array:
+            outline.end_run(f"{size}s")
+    outline.end_run()
+    form = struct.Struct(outline.layout)
+    around = tuple(outline.around)
+    if form.size != len(payload) or form.unpack(payload)[::2] != around:
+        return None
+    return Template(
+        unpack=form.unpack,
+        around=around,
+        counts=tuple(counts),
+        header=header,
+        values=dict(message.__dict__),
+        arrays=arrays,
+        assemble=assembler(type(message)),
+    )
