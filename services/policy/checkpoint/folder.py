@@ -78,10 +78,12 @@ def load_checkpoint(folder: Path, kind: str | None = None) -> tuple[PolicyNetwor
         tensors = load(content)
     except SafetensorError as error:
         raise CheckpointError(f"{path} is no safetensors file: {error}") from error
-    network = new_network(description.manifest.policy)
+    # Without memory for weights until they are known to fit, and without drawing random ones.
+    with torch.device("meta"):
+        network = new_network(description.manifest.policy)
     _check(path, network.state_dict(), tensors, description.manifest)
-    network.load_state_dict(tensors)
-    return network.eval(), description
+    network.load_state_dict(tensors, assign=True)
+    return network.to(memory_format=torch.channels_last).eval(), description
 
 
 def _check(

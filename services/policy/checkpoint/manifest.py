@@ -152,7 +152,7 @@ def describe(folder: Path, kind: str | None = None) -> Description:
 def _manifest(path: Path, content: bytes) -> Manifest:
     try:
         given: Any = json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CheckpointError(
             f"{path} is no JSON, it is damaged or cut short: {error}; copy the checkpoint anew"
         ) from error
