@@ -2,6 +2,7 @@
 
 import fcntl
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -45,6 +46,31 @@ def write_whole(path: Path, content: bytes) -> None:
     """
     with whole_file(path) as temporary:
         temporary.write_bytes(content)
+
+
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder beside ``path``, which becomes ``path`` when the block has ended well.
+
+    The folder is there with all its files or not at all; the files have to be written with
+    :func:`write_whole`. The temporary folder is removed if the block fails.
+
+    Raises:
+        FileExistsError: there is a file or folder at ``path`` already.
+        OSError: it cannot be written.
+    """
+    if path.exists():
+        raise FileExistsError(f"{path} is there already")
+    temporary = path.with_name(path.name + PART)
+    # A killed process may have left one.
+    shutil.rmtree(temporary, ignore_errors=True)
+    temporary.mkdir(parents=True)
+    try:
+        yield temporary
+        temporary.rename(path)
+        _synchronise(path.parent)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def _synchronise(path: Path) -> None:

@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from common.robot.frames import BODY_FRAME
 from common.robot.joints import JOINT_NAMES
 
+RATE = 20
+"""Frames per second."""
 CAMERAS = ("left", "right")
 """The stereo pair."""
 SIDES = ("left", "right")

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from common.episodes.columns import AXES, BY_PATH, CAMERAS, COLUMNS, Rows
+from common.episodes.columns import AXES, BY_PATH, CAMERAS, COLUMNS, RATE, Rows
 from common.episodes.errors import EpisodeDamagedError, EpisodeError, reading
 from common.errors import explain
 from common.robot.cameras import PinholeCamera, stereo_pair
@@ -28,8 +28,6 @@ from common.robot.frames import BODY_FRAME, CAMERA_BASELINE
 
 FORMAT = "trill-episode"
 SCHEMA_VERSION = 2
-RATE = 20
-"""Frames per second."""
 PERIOD_NS = 1_000_000_000 // RATE
 """Time from one frame to the next [ns]."""
 Image = NDArray[np.uint8]

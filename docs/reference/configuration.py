@@ -13,6 +13,7 @@ from common.runtime.live.config import RuntimeConfig
 from common.transport.config import BusConfig
 from docs.reference.fields import Model, details_of, nested_models, summary_of, table
 from services.logger.record.config import LoggerConfig
+from services.policy.kinds import CONFIGS
 from services.sim.config import SimConfig
 from services.sim.rendering.cameras import CameraConfig
 from services.teleop.keyboard.console import KeyboardConfig
@@ -138,6 +139,13 @@ positions are in the body frame (`torso_link`).
 """
 
 
+POLICIES = """## Policies
+
+What a policy observes, what its network is and how it is trained. A checkpoint keeps these keys in
+the table `policy` of its `config.json`; `kind` chooses one of the first tables below.
+"""
+
+
 def configuration_page() -> str:
     """Return the page as Markdown."""
     paths = _paths()
@@ -150,7 +158,9 @@ def configuration_page() -> str:
         parts += [entry.note, ""] if entry.note else []
         for model in entry.models:
             parts += _sections(model, paths, shown)
-    parts += [SCRIPTS, *_sections(Script, paths, shown)]
+    parts += [SCRIPTS, *_sections(Script, paths, shown), POLICIES]
+    for policy in CONFIGS.values():
+        parts += _sections(policy, paths, shown)
     return "\n".join(parts).rstrip() + "\n"
 
 
@@ -158,7 +168,7 @@ def covered() -> set[Model]:
     """Return the models that have a section on the page."""
     shown: set[Model] = set()
     models: list[Model] = [model for entry in TABLES for model in entry.models]
-    models.append(Script)
+    models += [Script, *CONFIGS.values()]
     for model in models:
         _sections(model, {}, shown)
     return shown

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from common.errors import ConfigError
-from common.files import append_line, exclusive_lock, write_whole
+from common.files import append_line, exclusive_lock, whole_folder, write_whole
 from tests.disk import fill
 
 
@@ -116,3 +116,25 @@ def test_a_file_system_without_locks_is_not_another_process(
         exclusive_lock(tmp_path / "lock", ConfigError),
     ):
         pass
+
+
+def test_a_folder_is_there_with_all_its_files_or_not_at_all(tmp_path: Path) -> None:
+    def write(last: bool) -> None:
+        with whole_folder(tmp_path / "made") as folder:
+            write_whole(folder / "one", b"1")
+            assert not (tmp_path / "made").exists()
+            if not last:
+                raise KeyboardInterrupt
+            write_whole(folder / "two", b"2")
+
+    # As a killed process leaves it.
+    (tmp_path / "made.part").mkdir()
+    (tmp_path / "made.part" / "old").touch()
+    with pytest.raises(KeyboardInterrupt):
+        write(last=False)
+    assert not list(tmp_path.iterdir())
+    write(last=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["made"]
+    assert sorted(path.name for path in (tmp_path / "made").iterdir()) == ["one", "two"]
+    with pytest.raises(FileExistsError, match="made is there already"):
+        write(last=True)

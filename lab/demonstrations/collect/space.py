@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from common.episodes.episode_file import RATE
+from common.episodes.columns import RATE
 from common.episodes.errors import EpisodeError
 from common.episodes.folder import IndexLine
 from lab.demonstrations.collect.config import EpisodeConfig

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 
-from common.episodes.columns import AXES
-from common.episodes.episode_file import RATE
+from common.episodes.columns import AXES, RATE
 from lab.demonstrations.export.fields import ColumnRange
 from lab.demonstrations.export.selection import ExportInput
 

@@ -6,7 +6,7 @@ A request stands in one frame of a hundred or fewer, which is little to learn fr
 import numpy as np
 from numpy.typing import NDArray
 
-from common.episodes.episode_file import RATE
+from common.episodes.columns import RATE
 from common.schemas import ControlState, Gait
 
 Float32 = NDArray[np.float32]

@@ -21,8 +21,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from common.episodes.columns import CAMERAS
-from common.episodes.episode_file import RATE, Episode
+from common.episodes.columns import CAMERAS, RATE
+from common.episodes.episode_file import Episode
 from lab.demonstrations.export import lerobot_layout as layout
 from lab.demonstrations.export.card import card
 from lab.demonstrations.export.fields import read_columns

@@ -8,8 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from common.episodes.columns import CAMERAS
-from common.episodes.episode_file import RATE
+from common.episodes.columns import CAMERAS, RATE
 from lab.demonstrations.export.fields import AGES, ROBOT, ExportColumns, column_names, spans
 from lab.demonstrations.export.selection import Size
 from lab.demonstrations.export.video import CODEC, PIXEL_FORMAT

@@ -24,8 +24,8 @@ from typing import Any
 import h5py
 import numpy as np
 
-from common.episodes.columns import AXES, CAMERAS
-from common.episodes.episode_file import RATE, Episode
+from common.episodes.columns import AXES, CAMERAS, RATE
+from common.episodes.episode_file import Episode
 from common.episodes.errors import EpisodeDamagedError, reading
 from lab.demonstrations.export import robomimic_config
 from lab.demonstrations.export.fields import ROBOT, column_names, read_columns

@@ -14,9 +14,9 @@ from typing import Any
 import cv2
 import numpy as np
 
+from common.episodes.columns import RATE
 from common.episodes.episode_file import (
     PERIOD_NS,
-    RATE,
     Episode,
     EpisodeMeta,
     Image,

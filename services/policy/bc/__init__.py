@@ -1,0 +1,1 @@
+"""The paper's reactive baseline: behavioural cloning of the current frame."""

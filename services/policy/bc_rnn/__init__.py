@@ -1,0 +1,1 @@
+"""The paper's recurrent baseline: one flat mixture of everything a set-point has."""

@@ -1,0 +1,1 @@
+"""Networks of the policies and their losses; they need torch."""

@@ -1,0 +1,1 @@
+"""The paper's policy: recurrent, with locomotion apart from manipulation."""
