@@ -6,14 +6,12 @@ number varies, are for the exact solvers: OSQP leaves a QP to DAQP where its own
 one of them.
 """
 
-import sys
 from dataclasses import dataclass
-from importlib.machinery import PathFinder
-from importlib.util import find_spec, module_from_spec
-from types import ModuleType, SimpleNamespace
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
+import osqp
+from scipy import sparse
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import SolverUnavailableError
@@ -84,32 +82,8 @@ _OUT_OF_ITERATIONS = 7
 FEASIBLE = 5e-3
 """Largest constraint violation of a solution that is used [N, N·m]: what OSQP's relative tolerance
 allows in rows of 1000 N. "Solved inaccurate" was seen to violate three times as much."""
-RHO = 1e-5
-"""First step size of OSQP."""
 FORCE_SCALE = 100.0
 """Unit of the reaction forces inside OSQP [N]."""
-_OSQP, _SCIPY = "osqp.ext_builtin", ("scipy", "scipy.sparse")
-
-
-def _osqp() -> Any:
-    """Return OSQP's compiled module without its Python package, which imports all of scipy.
-
-    A restarted controller would be away from its robot for a second longer, and 13 MB larger.
-
-    Raises:
-        SolverUnavailableError: OSQP is not installed.
-    """
-    if _OSQP not in sys.modules:
-        package = find_spec("osqp")
-        places = package.submodule_search_locations if package else None
-        spec = PathFinder.find_spec(_OSQP, places) if places else None
-        if spec is None or spec.loader is None:
-            raise SolverUnavailableError(
-                "solver 'osqp' is not installed; pip install 'osqp>=1', or choose solver daqp"
-            )
-        sys.modules[_OSQP] = module_from_spec(spec)
-        spec.loader.exec_module(sys.modules[_OSQP])
-    return sys.modules[_OSQP]
 
 
 class OsqpSolver:
@@ -129,24 +103,8 @@ class OsqpSolver:
     def __init__(
         self, tolerance: float = 5e-6, max_iterations: int = 150, fallback: "Solver | None" = None
     ) -> None:
-        self._osqp = _osqp()
-        self._settings = self._osqp.OSQPSettings()
-        self._osqp.osqp_set_default_settings(self._settings)
-        settings = {
-            "verbose": False,
-            "eps_abs": tolerance,
-            "eps_rel": tolerance,
-            "max_iter": max_iterations,
-            "warm_starting": True,
-            "polishing": False,
-            "rho": RHO,
-            "scaling": 0,
-            "check_termination": 5,
-            "adaptive_rho": True,
-            "adaptive_rho_interval": 100,
-        }
-        for key, value in settings.items():
-            setattr(self._settings, key, value)
+        self._tolerance = tolerance
+        self._max_iterations = max_iterations
         self._fallback = fallback
         self._solver: Any = None
         self._soft_rows_bind = False
@@ -167,20 +125,27 @@ class OsqpSolver:
         self._scale = scale
         self._P_scale = scale[P_rows] * scale[P_columns]
         self._A_scale = scale[A_columns]
-        P = _csc(self._osqp, P_mask, self._P_scale * data.P.take(self._P_places))
-        A = _csc(self._osqp, A_mask, self._A_scale * data.A.take(self._A_places))
-        rows, columns = A_mask.shape
-        self._solver = self._osqp.OSQPSolver(
+        P = _csc(P_mask, self._P_scale * data.P.take(self._P_places))
+        A = _csc(A_mask, self._A_scale * data.A.take(self._A_places))
+        self._solver = osqp.OSQP()
+        self._solver.setup(
             P,
             scale * data.q,
             A,
             data.l,
             data.u,
-            rows,
-            columns,
-            self._settings,
+            verbose=False,
+            eps_abs=self._tolerance,
+            eps_rel=self._tolerance,
+            max_iter=self._max_iterations,
+            warm_starting=True,
+            polishing=False,
+            rho=1e-5,
+            scaling=0,
+            check_termination=5,
+            adaptive_rho=True,
+            adaptive_rho_interval=100,
         )
-        self._solver.update_rho(RHO)
 
     def solve(self, data: QpData) -> Solution:
         """Solve from the last solution with updated values."""
@@ -190,19 +155,19 @@ class OsqpSolver:
         if self._solver is None:
             self._setup(data)
         else:
-            self._solver.update_data_vec(self._scale * data.q, data.l, data.u)
-            self._solver.update_data_mat(
-                self._P_scale * data.P.take(self._P_places),
-                None,
-                self._A_scale * data.A.take(self._A_places),
-                None,
+            self._solver.update(
+                q=self._scale * data.q,
+                l=data.l,
+                u=data.u,
+                Px=self._P_scale * data.P.take(self._P_places),
+                Ax=self._A_scale * data.A.take(self._A_places),
             )
-        self._solver.solve()
-        info, found = self._solver.info, np.array(self._solver.solution.x)
-        status, finite = int(info.status_val), bool(np.isfinite(found).all())
+        result = self._solver.solve(raise_error=False)
+        info = result.info
+        status, finite = int(info.status_val), bool(np.isfinite(result.x).all())
         iterated = finite and status in (*_SOLVED, _OUT_OF_ITERATIONS)
         if iterated:
-            solution = _held(data, self._scale * found, str(info.status))
+            solution = _held(data, self._scale * result.x, str(info.status))
             kept = status in _SOLVED and data.shortfall(solution.x) < SHORTFALL
             if solution.solved and (kept or self._fallback is None):
                 return solution
@@ -211,7 +176,7 @@ class OsqpSolver:
             self._solver = None
         if self._fallback is not None:
             return self._solve_exactly(data, self._fallback, str(info.status))
-        return Solution(self._scale * found, False, str(info.status))
+        return Solution(self._scale * result.x, False, str(info.status))
 
     def _solve_exactly(self, data: QpData, fallback: "Solver", status: str) -> Solution:
         """Solve exactly what OSQP did not, and warm-start OSQP from the solution."""
@@ -221,7 +186,7 @@ class OsqpSolver:
             # Without a solution there is no warm start.
             self._solver = None
         elif self._solver is not None:
-            self._solver.warm_start(exact.x / self._scale, None)
+            self._solver.warm_start(x=exact.x / self._scale)
         return Solution(exact.x, exact.solved, f"{status}; {fallback.name}: {exact.status}")
 
 
@@ -231,30 +196,10 @@ def _csc_index(mask: Array) -> tuple[Any, Any]:
     return rows, columns
 
 
-def _csc(osqp: Any, mask: Array, values: Array) -> Any:
-    """Return OSQP's sparse matrix.
-
-    Its constructor imports ``scipy.sparse`` just to ask whether the matrix has this form. A module
-    that says so takes its place meanwhile, which keeps a second and 13 MB.
-    """
+def _csc(mask: Array, values: Array) -> Any:
     rows, _ = _csc_index(mask)
     pointers = np.concatenate(([0], np.cumsum(mask.astype(bool).sum(axis=0))))
-    parts = SimpleNamespace(
-        shape=mask.shape,
-        data=values,
-        indices=rows.astype(np.int32),
-        indptr=pointers.astype(np.int32),
-        nnz=len(values),
-    )
-    known = {name: sys.modules.pop(name) for name in _SCIPY if name in sys.modules}
-    substitute = cast(ModuleType, SimpleNamespace(isspmatrix_csc=lambda _: True))
-    sys.modules.update(dict.fromkeys(_SCIPY, substitute))
-    try:
-        return osqp.CSC(parts)
-    finally:
-        for name in _SCIPY:
-            del sys.modules[name]
-        sys.modules.update(known)
+    return sparse.csc_matrix((values, rows, pointers), shape=mask.shape)
 
 
 _EQUALITY, _SOFT = 5, 8
