@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 import pytest
 import zenoh
@@ -121,10 +121,16 @@ def running(task: Callable[[], object], stop: Callable[[], object]) -> Iterator[
 
 @contextmanager
 def live(service: Service, bus: BusConfig, *more: Component) -> Iterator[LiveRunner]:
-    runner = LiveRunner(service, bus)
-    runner._components.all += more
+    runner = LiveRunner(service, bus, components=more)
     with running(runner.run, runner.stop):
         yield runner
+
+
+class NoNetwork:
+    """Stands for a network where nobody asks."""
+
+    def run(self, *_frames: object) -> NoReturn:
+        raise AssertionError
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -148,6 +154,7 @@ def test_a_live_bus_uses_only_keys_of_the_tables(tmp_path: Path, uses: set[Use])
             live(ToyController(trigger=True), bus),
             running(lambda: record(options, stopped.is_set), stopped.set),
             monitored(bus) as monitor,
+            closing(InferenceServer(monitor.session, bus.robot, NoNetwork(), description_of())),
         ):
             until(log.exists)
             mark(bus, EpisodeAction.START)
