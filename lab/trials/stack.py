@@ -1,4 +1,4 @@
-"""Hosts plant, controller and synthetic operator with one task in simulated time."""
+"""Hosts plant, controller and an operator with one task in simulated time."""
 
 from collections.abc import Sequence
 from time import perf_counter
@@ -14,11 +14,11 @@ from common.schemas import TaskStatus, TaskVerdict
 from common.topics import TASK_STATUS
 from lab.errors import StoppedError
 from lab.trials.links import links_used
+from lab.trials.operators.kinds import build_operator
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.workers import Stop, stop_request
 from services.sim.config import SimConfig
 from services.sim.service import PlantService
-from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
 
@@ -46,7 +46,7 @@ class TaskStack:
         spec: the trial.
         plant: the plant's service.
         wbc: the controller's service.
-        operator: the synthetic operator's service.
+        operator: tells what the operator is doing.
         links: the delays under which the trial runs.
         runner: hosts the services.
         status: the task's last status; None before the first.
@@ -79,17 +79,16 @@ class TaskStack:
         )
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}
         self.wbc = WbcService(wbc_config(spec.torque_mode, spec.pace, **overrides))
-        self.operator = SyntheticOperator(
-            SyntheticConfig(task=spec.task, seed=spec.seed, traits=spec.traits, stay=True)
-        )
+        self.operator, services = build_operator(spec)
+        around = (*beside, *services)
         self.links = links_used(spec.task, spec.links)
         self.runner = SimTimeRunner(
-            [self.plant, self.wbc, *beside, self.operator],
+            [self.plant, self.wbc, *around],
             seed=spec.seed,
             links=self.links,
             offsets_ns={
                 service.name: camera_offset_ns(spec.seed, service.period_ns)
-                for service in beside
+                for service in around
                 if service.name in SENSORS
             },
             record=record,
