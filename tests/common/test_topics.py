@@ -4,7 +4,7 @@ import ast
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, cast
@@ -41,6 +41,7 @@ from lab.monitor.monitor import monitored
 from services.logger.record.config import LoggerConfig
 from services.logger.record.service import RecordingOptions, record
 from services.policy.service import PolicyOperator
+from services.policy.serving.inference import InferenceServer
 from services.sim.rendering.cameras import CameraService
 from services.sim.service import PlantService
 from services.teleop.keyboard.service import KeyboardOperator
@@ -48,6 +49,7 @@ from services.teleop.scripted.service import ScriptedOperator
 from services.teleop.synthetic.service import SyntheticOperator
 from services.wbc.service import WbcService
 from tests.common.runtime.toys import ToyController, ToyPlant
+from tests.services.policy.served import description_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 30.0
