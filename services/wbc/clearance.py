@@ -17,13 +17,11 @@ from common.robot import joints
 from common.robot.frames import COLLISION_SUFFIX
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
+from services.wbc.layout import ARM_COLUMNS, NV
 
-NV = 6 + joints.NUM_MOTORS
-"""Dimension of the robot's reduced velocity."""
 JOINTS_OF_MOTORS = np.zeros((6 + joints.NUM_JOINTS, NV))
 JOINTS_OF_MOTORS[:6, :6], JOINTS_OF_MOTORS[6:, 6:] = np.eye(6), joints.MOTOR_TO_JOINT
 """(33, 31) v = G v_r."""
-MOTORS_OF_LEGS = 12
 REACH = 0.06
 """Distance up to which a pair of parts is reported [m]."""
 UPPER_ARM_REACH = 0.035
@@ -155,7 +153,7 @@ class ClearanceModel:
         jacobian = np.array(lines).reshape(-1, 6).dot(data.J) * self._moved[near]
         jacobian = jacobian.dot(JOINTS_OF_MOTORS)
         rate = jacobian.dot(velocity)
-        jacobian[:, : 6 + MOTORS_OF_LEGS] = 0.0
+        jacobian[:, : ARM_COLUMNS.start] = 0.0
         return Clearance([PAIRS[i] for i in near], self._measured[near], rate, jacobian)
 
     def _perhaps_near(self, position: Array) -> list[int]:

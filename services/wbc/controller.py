@@ -16,19 +16,11 @@ from services.wbc.dcm import GRAVITY, natural_frequency
 from services.wbc.dual_method import controller_solver
 from services.wbc.handover import HandOver, Target
 from services.wbc.hands import HandReference
+from services.wbc.layout import COM, FEET, HANDS, NV, TORSO
 from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
 from services.wbc.references import BodyReference
-from services.wbc.robot_model import (
-    COM,
-    FEET,
-    HANDS,
-    NV,
-    TORSO,
-    Dynamics,
-    RobotModel,
-    RobotState,
-)
+from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 from services.wbc.solvers import Solution, Solver
 from services.wbc.tasks import POSTURE, TaskStack
 

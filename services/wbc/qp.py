@@ -20,7 +20,8 @@ from common.robot import joints
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.clearance import Clearance
 from services.wbc.config import ContactConfig, WbcConfig
-from services.wbc.robot_model import NUM_MOTORS, NV, Dynamics
+from services.wbc.layout import ARMS, NUM_MOTORS, NV
+from services.wbc.robot_model import Dynamics
 from services.wbc.tasks import TaskStack
 
 CONE_ROWS = 17
@@ -33,9 +34,8 @@ CONES = slice(NV, NV + 2 * CONE_ROWS)
 NORMAL = slice(NV + 2 * CONE_ROWS, NV + 2 * CONE_ROWS + 2)
 BOUNDS = slice(NORMAL.stop, NORMAL.stop + NUM_MOTORS)
 NUM_CONSTRAINTS = BOUNDS.stop
-ARMS = slice(12, 24)
-"""Motors of both arms; :data:`ARM_BOUNDS` are the rows of their accelerations."""
 ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
+"""Rows of the arms' accelerations."""
 INFINITY = 1e20
 SEPARATION_MAX = 50.0
 """Limit of the acceleration at which near parts are made to separate [m/s²]."""

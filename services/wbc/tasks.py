@@ -10,9 +10,10 @@ from common.robot import joints
 from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import Gains, TaskConfig
+from services.wbc.layout import COM, FEET, HANDS, NV, TORSO
+from services.wbc.layout import NUM_ROWS as MOVING_ROWS
 from services.wbc.references import PoseReference
-from services.wbc.robot_model import COM, FEET, HANDS, NV, TORSO, Dynamics, FrameKinematics
-from services.wbc.robot_model import NUM_ROWS as MOVING_ROWS
+from services.wbc.robot_model import Dynamics, FramePose
 
 POSTURE = slice(MOVING_ROWS, MOVING_ROWS + 13)
 NUM_ROWS = POSTURE.stop
@@ -67,16 +68,14 @@ class TaskStack:
     def _write_gains(self, rows: slice, *gains: Gains) -> None:
         self.kp[rows], self.kd[rows] = [g.kp for g in gains], [g.kd for g in gains]
 
-    def follow(self, rows: slice, kinematics: FrameKinematics, reference: PoseReference) -> None:
+    def follow(self, rows: slice, kinematics: FramePose, reference: PoseReference) -> None:
         """Let a frame follow a reference."""
         error = self.error[rows]
         np.subtract(reference.position, kinematics.position, out=error[:3])
         error[3:] = rotation_vector_from_matrix(reference.rotation.dot(kinematics.rotation.T))
         self.velocity[rows], self.acceleration[rows] = reference.velocity, reference.acceleration
 
-    def follow_foot(
-        self, side: int, kinematics: FrameKinematics, swing: PoseReference | None
-    ) -> None:
+    def follow_foot(self, side: int, kinematics: FramePose, swing: PoseReference | None) -> None:
         """Let a foot follow its swing; None: the ground holds it.
 
         A standing foot has no acceleration and no position reference.

@@ -12,8 +12,9 @@ from common.robot.frames import COLLISION_SUFFIX
 from services.wbc.clearance import HULLS, LEVER, PAIRS, REACH, UPPER_ARM_REACH
 from services.wbc.config import LimitConfig, TaskConfig, WbcConfig
 from services.wbc.errors import ModelError
+from services.wbc.layout import NV
 from services.wbc.qp import QpBuilder, QpData
-from services.wbc.robot_model import NV, Dynamics, RobotModel, RobotState
+from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 from services.wbc.solvers import SHORTFALL, make_solver
 from services.wbc.tasks import TaskStack
 
