@@ -219,55 +219,43 @@ static PyObject *prepare(PyObject *module, PyObject *arguments)
     return NULL;
 }
 
-enum { OUTPUTS = 10 };
+enum { ARRAYS = 11 };
 
 static PyObject *update(PyObject *module, PyObject *arguments)
 {
-    static const char *const names[OUTPUTS] = {"rotation", "com",       "mass",      "force",
-                                               "jacobian", "velocity",  "bias",      "positions",
-                                               "rotations", "soles"};
-    static const Py_ssize_t counts[OUTPUTS] = {
-        9, 3, NV * NV, NV, ROWS * NV, ROWS, ROWS, 3 * FRAMES, 9 * FRAMES, 2 * 6 * NV};
-    PyObject *capsule, *v, *outputs[OUTPUTS];
-    Py_buffer rates, views[OUTPUTS];
     Terms t;
-    double **arrays[OUTPUTS] = {&t.rotation, &t.com,  &t.mass,      &t.force,     &t.jacobian,
-                                &t.velocity, &t.bias, &t.positions, &t.rotations, &t.soles};
-    int taken = 0;
+    const double *v;
+    const NativeArray arrays[ARRAYS] = {
+        {"v", NV, 0, &v},
+        {"rotation", 9, 1, &t.rotation},
+        {"com", 3, 1, &t.com},
+        {"mass", NV * NV, 1, &t.mass},
+        {"force", NV, 1, &t.force},
+        {"jacobian", ROWS * NV, 1, &t.jacobian},
+        {"velocity", ROWS, 1, &t.velocity},
+        {"bias", ROWS, 1, &t.bias},
+        {"positions", 3 * FRAMES, 1, &t.positions},
+        {"rotations", 9 * FRAMES, 1, &t.rotations},
+        {"soles", 2 * 6 * NV, 1, &t.soles},
+    };
+    Py_buffer views[ARRAYS];
     (void)module;
-    if (!PyArg_ParseTuple(arguments, "OOOOOOOOOOOO", &capsule, &v, &outputs[0], &outputs[1],
-                          &outputs[2], &outputs[3], &outputs[4], &outputs[5], &outputs[6],
-                          &outputs[7], &outputs[8], &outputs[9]))
+    PyObject *capsule = PyTuple_GetItem(arguments, 0);
+    const Model *m = capsule == NULL ? NULL : PyCapsule_GetPointer(capsule, "model");
+    if (m == NULL || !native_take(arguments, 1, arrays, ARRAYS, views))
         return NULL;
-    const Model *m = PyCapsule_GetPointer(capsule, "model");
-    if (m == NULL)
-        return NULL;
-    const double *reduced = native_doubles(v, NV, 0, "v", &rates);
-    if (reduced == NULL)
-        return NULL;
-    while (taken < OUTPUTS &&
-           (*arrays[taken] = native_doubles(outputs[taken], counts[taken], 1, names[taken],
-                                            &views[taken])) != NULL)
-        taken++;
-    if (taken == OUTPUTS) {
-        memset(t.jacobian, 0, ROWS * NV * sizeof(double));
-        memset(t.soles, 0, 2 * 6 * NV * sizeof(double));
-        memset(t.bias, 0, ROWS * sizeof(double));
-        whole_body(m, &t);
-        for (int i = 0; i < FRAMES; i++)
-            frame(m, reduced, i, &t);
-        for (int i = 0; i < ROWS; i++) {
-            double sum = 0.0;
-            for (int j = 0; j < NV; j++)
-                sum += t.jacobian[i * NV + j] * reduced[j];
-            t.velocity[i] = sum;
-        }
+    memset(t.jacobian, 0, ROWS * NV * sizeof(double));
+    memset(t.soles, 0, 2 * 6 * NV * sizeof(double));
+    memset(t.bias, 0, ROWS * sizeof(double));
+    whole_body(m, &t);
+    for (int i = 0; i < FRAMES; i++)
+        frame(m, v, i, &t);
+    for (int i = 0; i < ROWS; i++) {
+        t.velocity[i] = 0.0;
+        for (int j = 0; j < NV; j++)
+            t.velocity[i] += t.jacobian[i * NV + j] * v[j];
     }
-    while (taken-- > 0)
-        PyBuffer_Release(&views[taken]);
-    PyBuffer_Release(&rates);
-    if (PyErr_Occurred())
-        return NULL;
+    native_release(views, ARRAYS);
     Py_RETURN_NONE;
 }
 

@@ -6,6 +6,7 @@ Desired accelerations are PD laws around a reference with feed-forward (Seo et a
 
 import numpy as np
 
+from common.native import kernel
 from common.robot import joints
 from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
@@ -41,6 +42,7 @@ class TaskStack:
     """Rows of all tasks, overwritten at every tick: CoM, torso, hands, feet, posture.
 
     Attributes:
+        rows: (43, 32) Jacobian and target side by side.
         jacobian: (43, 31).
         target: (43,) xdd_des - Jdot v.
         weight: (43,).
@@ -50,9 +52,10 @@ class TaskStack:
     """
 
     def __init__(self, config: TaskConfig) -> None:
+        self._compiled = kernel("services.wbc._qp")
         # Side by side, so that Hessian and gradient are one product.
-        self._rows = np.zeros((NUM_ROWS, NV + 1))
-        self.jacobian, self.target = self._rows[:, :NV], self._rows[:, NV]
+        self.rows = np.zeros((NUM_ROWS, NV + 1))
+        self.jacobian, self.target = self.rows[:, :NV], self.rows[:, NV]
         # The rows of the posture select the 13 upper-body coordinates and never change.
         self.jacobian[POSTURE, NV - 13 :] = np.eye(13)
         self.weight, self.kp, self.kd = np.zeros((3, NUM_ROWS))
@@ -89,6 +92,12 @@ class TaskStack:
 
     def finish(self, dynamics: Dynamics) -> None:
         """Write Jacobians and targets, once references, errors and weights are written."""
+        if self._compiled is not None:
+            self._compiled.write_tasks(
+                self.rows, self.kp, self.kd, self.error, self.velocity, self.acceleration,
+                dynamics.jacobian, dynamics.velocity, dynamics.bias, dynamics.motor_velocity,
+            )  # fmt: skip
+            return
         self.jacobian[:MOVING_ROWS] = dynamics.jacobian
         measured = np.concatenate((dynamics.velocity, dynamics.motor_velocity[-13:]))
         target = self.kd * (self.velocity - measured)
@@ -99,5 +108,5 @@ class TaskStack:
 
     def quadratic(self) -> tuple[Array, Array]:
         """Return Hessian (31, 31) and gradient (31,) of 1/2 sum_i w_i |J_i qdd - target_i|^2."""
-        both = (self.weight[:, None] * self.jacobian).T.dot(self._rows)
+        both = (self.weight[:, None] * self.jacobian).T.dot(self.rows)
         return both[:, :NV], -both[:, NV]
