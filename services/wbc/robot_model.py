@@ -75,6 +75,7 @@ class RobotModel:
         model: with both hinges of a knee.
         merged: in which one of them mimics the other.
         mass: [kg].
+        clearance_model: measures the distances of arms and body.
 
     Raises:
         ModelError: the MJCF's joints are not the expected 27 in the expected order, or it uses
@@ -98,7 +99,7 @@ class RobotModel:
             )
         self.merged = _with_merged_knees(self.model)
         self._data = self.merged.createData()
-        self._clearance_model = ClearanceModel(self.merged, geometry)
+        self.clearance_model = ClearanceModel(self.merged, geometry)
         self.mass = float(pin.computeTotalMass(self.model))
         self._terms = make_terms(self.merged, self._data)
         # A knee coordinate is the mean of its hinges; they differ by what their coupling gives.
@@ -132,7 +133,7 @@ class RobotModel:
             feet=(left_foot, right_foot),
             hands=(left_hand, right_hand),
             sole_jacobians=terms.soles,
-            clearance=self._clearance_model.update(data, state.position, v),
+            clearance=self.clearance_model.update(data, state.position, v),
         )
 
 
