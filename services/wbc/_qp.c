@@ -1,10 +1,15 @@
 /* Fills the QP of one tick from tasks and model, as qp.py and tasks.py say it. */
 #include "common/native.h"
 
+#include <math.h>
+
 enum {
     NV = 31,
     MOTORS = NV - 6,
-    FRAME_ROWS = 30, /* of the tasks that follow frames; one of the posture per upper-body motor */
+    TORSO = 3, /* first row of its rotation, after the centre of mass */
+    FIRST_FRAME = 6, /* of both hands and both feet, with position and rotation */
+    FRAMES = 4,
+    FRAME_ROWS = FIRST_FRAME + 6 * FRAMES, /* then one row for the posture of each upper-body motor */
     UPPER_BODY = 12, /* first motor of it */
     TASKS = FRAME_ROWS + MOTORS - UPPER_BODY,
     ARM_MOTORS = 12,
@@ -92,29 +97,83 @@ static void write_arm_bounds(const Qp *p)
     }
 }
 
-enum { TASK_ARRAYS = 10, ARRAYS = 14, SCALARS = 11 };
+/* Rotation vector of A B', both row-major, as rotation_vector_from_matrix() computes it. */
+static void write_turn(const double *A, const double *B, double *vector)
+{
+    double R[3][3];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            R[i][j] = A[3 * i] * B[3 * j] + A[3 * i + 1] * B[3 * j + 1] + A[3 * i + 2] * B[3 * j + 2];
+    const double skew[3] = {R[2][1] - R[1][2], R[0][2] - R[2][0], R[1][0] - R[0][1]};
+    const double trace = 0.5 * (R[0][0] + R[1][1] + R[2][2] - 1.0);
+    const double cosine = trace < -1.0 ? -1.0 : trace > 1.0 ? 1.0 : trace;
+    const double sine =
+        0.5 * sqrt(skew[0] * skew[0] + skew[1] * skew[1] + skew[2] * skew[2]);
+    if (cosine >= -0.999999) {
+        const double scale = sine < 1e-9 ? 0.5 : 0.5 * atan2(sine, cosine) / sine;
+        for (int i = 0; i < 3; i++)
+            vector[i] = scale * skew[i];
+        return;
+    }
+    /* Near half a turn the axis is in the symmetric part, cos I + (1 - cos) a a'. */
+    int k = 0;
+    for (int i = 1; i < 3; i++)
+        k = R[i][i] > R[k][k] ? i : k;
+    const double square = (R[k][k] - cosine) / (1.0 - cosine);
+    double along = 0.0;
+    for (int i = 0; i < 3; i++) {
+        vector[i] = (0.5 * (R[i][k] + R[k][i]) - (i == k ? cosine : 0.0)) / (1.0 - cosine);
+        vector[i] /= sqrt(square);
+        along += vector[i] * skew[i];
+    }
+    for (int i = 0; i < 3; i++)
+        vector[i] *= (along >= 0.0 ? 1.0 : -1.0) * atan2(sine, cosine);
+}
+
+enum { TASK_ARRAYS = 17, ARRAYS = 14, SCALARS = 11 };
 
 static PyObject *write_tasks(PyObject *module, PyObject *arguments)
 {
-    double *rows;
-    const double *kp, *kd, *error, *velocity, *acceleration;
-    const double *jacobian, *measured, *bias, *motor_velocity;
+    double *rows, *error;
+    const double *kp, *kd, *position, *rotation, *velocity, *acceleration;
+    const double *jacobian, *measured, *bias, *com, *base_rotation, *positions, *rotations;
+    const double *motor_position, *motor_velocity;
     const NativeArray arrays[TASK_ARRAYS] = {
         {"rows", TASKS * (NV + 1), 1, &rows},
+        {"error", TASKS, 1, &error},
         {"kp", TASKS, 0, &kp},
         {"kd", TASKS, 0, &kd},
-        {"error", TASKS, 0, &error},
+        {"position", TASKS, 0, &position},
+        {"rotation", 9 * (1 + FRAMES), 0, &rotation},
         {"velocity", TASKS, 0, &velocity},
         {"acceleration", TASKS, 0, &acceleration},
         {"jacobian", FRAME_ROWS * NV, 0, &jacobian},
         {"measured", FRAME_ROWS, 0, &measured},
         {"bias", FRAME_ROWS, 0, &bias},
+        {"com", 3, 0, &com},
+        {"base_rotation", 9, 0, &base_rotation},
+        {"positions", 3 * FRAMES, 0, &positions},
+        {"rotations", 9 * FRAMES, 0, &rotations},
+        {"motor_position", MOTORS, 0, &motor_position},
         {"motor_velocity", MOTORS, 0, &motor_velocity},
     };
     Py_buffer views[TASK_ARRAYS];
     (void)module;
     if (!native_take(arguments, 0, arrays, TASK_ARRAYS, views))
         return NULL;
+    write_turn(rotation, base_rotation, &error[TORSO]);
+    for (int i = 0; i < 3; i++) {
+        error[i] = position[i] - com[i];
+        for (int frame = 0; frame < FRAMES; frame++) {
+            const int row = FIRST_FRAME + 6 * frame + i;
+            error[row] = position[row] - positions[3 * frame + i];
+        }
+    }
+    for (int frame = 0; frame < FRAMES; frame++)
+        write_turn(&rotation[9 * (1 + frame)], &rotations[9 * frame],
+                   &error[FIRST_FRAME + 6 * frame + 3]);
+    for (int i = FRAME_ROWS; i < TASKS; i++)
+        error[i] = position[i] - motor_position[UPPER_BODY + i - FRAME_ROWS];
     for (int i = 0; i < TASKS; i++) {
         double *row = &rows[i * (NV + 1)], is, moving = 0.0;
         if (i < FRAME_ROWS) {
@@ -174,8 +233,9 @@ static PyObject *fill(PyObject *module, PyObject *arguments)
 
 static PyMethodDef methods[] = {
     {"write_tasks", write_tasks, METH_VARARGS,
-     "write_tasks(rows, kp, kd, error, velocity, acceleration, jacobian, measured, bias, "
-     "motor_velocity)\n\nWrite Jacobian and target of each task."},
+     "write_tasks(rows, error, kp, kd, position, rotation, velocity, acceleration, jacobian, "
+     "measured, bias, com, base_rotation, positions, rotations, motor_position, motor_velocity)"
+     "\n\nWrite error, Jacobian and target of each task."},
     {"fill", fill, METH_VARARGS,
      "fill(P, q, A, l, u, rows, weight, motor_position, motor_velocity, mass, force, soles, "
      "torque_limit, arm_limits, normal_max left, right, normal_desired left, right, regulariser, "

@@ -16,5 +16,6 @@ COM = slice(0, 3)
 TORSO = slice(3, 6)
 HANDS = (slice(6, 12), slice(12, 18))
 FEET = (slice(18, 24), slice(24, 30))
+FRAMES = (*HANDS, *FEET)
 NUM_ROWS = 30
 """Rows of the stacked Jacobian."""

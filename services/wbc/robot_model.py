@@ -132,6 +132,8 @@ class RobotModel:
             bias=terms.bias,
             feet=(left_foot, right_foot),
             hands=(left_hand, right_hand),
+            frame_positions=terms.positions,
+            frame_rotations=terms.rotations,
             sole_jacobians=terms.soles,
             clearance=self.clearance_model.update(data, state.position, v),
         )
@@ -173,6 +175,8 @@ class Dynamics(NamedTuple):
         bias: (30,) their accelerations at zero reduced acceleration (Jdot v); zero for the torso,
             whose angular velocity is a constant turned by its own rotation.
         feet: (left, right) soles in world.
+        frame_positions: (4, 3) of hands and feet, as in ``hands`` and ``feet`` [m].
+        frame_rotations: (4, 3, 3) likewise.
         hands: (left, right) hand frames relative to torso_link and expressed in it; their
             Jacobians have no base columns, so the QP does not pursue a hand target by moving the
             torso.
@@ -194,6 +198,8 @@ class Dynamics(NamedTuple):
     bias: Array
     feet: tuple[FramePose, FramePose]
     hands: tuple[FramePose, FramePose]
+    frame_positions: Array
+    frame_rotations: Array
     sole_jacobians: Array
     clearance: Clearance
 

@@ -196,7 +196,7 @@ def test_pose_task_is_a_pd_law_with_feed_forward(model: RobotModel) -> None:
         dynamics.velocity[HANDS[0]] + velocity,
         np.full(6, 2.0),
     )
-    stack.follow(HANDS[0], hand, reference)
+    stack.follow(0, reference)
     stack.finish(dynamics)
     desired = stack.target[HANDS[0]] + dynamics.bias[HANDS[0]]
     assert desired[:3] == pytest.approx(2.0 + 200.0 * offset + 28.0 * velocity[:3])
