@@ -159,10 +159,12 @@ class ClearanceModel:
                 point, normal = result.getNearestPoint1(), result.normal
                 near.append(index)
                 lines.append((*normal, *pin.skew(point).dot(normal)))
+        if not near:
+            return _NOTHING_NEAR
         # Both nearest points lie on one line along the normal, of which these are the coordinates:
         # their product with a joint's axis is the velocity of either point along the normal.
         # Those of the model are of each hinge.
-        jacobian = np.array(lines).reshape(-1, 6).dot(data.J) * self._moved[near]
+        jacobian = np.array(lines).dot(data.J) * self._moved[near]
         jacobian = jacobian.dot(JOINTS_OF_MOTORS)
         rate = jacobian.dot(velocity)
         jacobian[:, : ARM_COLUMNS.start] = 0.0
@@ -176,8 +178,7 @@ class ClearanceModel:
         nearest = self._far - self._longest_levers.dot(np.abs(position - self._checked))
         if min(nearest.tolist()) > 0.0:
             return []
-        turned = np.abs(position - self._position)
-        approach = (turned * self.levers).sum(axis=1)
+        approach = np.einsum("ij,ij->i", np.abs(position - self._position), self.levers)
         distance = self._measured - approach - self._reach
         self._checked, self._far = position, np.array([distance[g].min() for g in self._groups])
         perhaps = np.flatnonzero(distance < 0.0)
