@@ -38,9 +38,9 @@ class Template:
         unpack: takes it apart into bytes around the holes and, in between, what is in these.
         around: the bytes around the holes.
         counts: fields of the header that have a hole; theirs come first.
-        floats: other fields with a hole that are numbers.
-        floats_of: returns what is in their holes.
-        check_floats: validates them; None if there are none.
+        numbers: other fields with a hole that are numbers.
+        numbers_of: returns what is in their holes.
+        check_numbers: validates them; None if there are none.
         header: values of all its fields.
         values: of all fields of the message, in the order of the schema.
         arrays: its array fields.
@@ -51,9 +51,9 @@ class Template:
     unpack: Callable[[bytes], tuple[Any, ...]]
     around: tuple[bytes, ...]
     counts: tuple[str, ...]
-    floats: tuple[str, ...]
-    floats_of: Callable[[Any], tuple[float, ...]]
-    check_floats: Callable[[dict[str, Any]], dict[str, Any]] | None
+    numbers: tuple[str, ...]
+    numbers_of: Callable[[Any], tuple[float, ...]]
+    check_numbers: Callable[[dict[str, Any]], dict[str, Any]] | None
     header: dict[str, Any]
     values: dict[str, Any]
     arrays: ArrayLayout
@@ -81,15 +81,19 @@ class Template:
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            if self.check_floats is not None:
-                floats = dict(zip(self.floats, self.floats_of(holes), strict=True))
-                values.update(self.check_floats(floats))
+            if self.check_numbers is not None:
+                numbers = dict(zip(self.numbers, self.numbers_of(holes), strict=True))
+                values.update(self.check_numbers(numbers))
             views = checked_views(b"".join(self.pieces_of(holes)), self.arrays)
         except (SchemaError, ValidationError):
             return None
         for name, view in zip(self.arrays.specs, views, strict=True):
             values[name] = view
         return self.assemble(values)
+
+    def moves(self, name: str, value: object) -> bool:
+        """Whether a field of another message is unlike this one's, or was of one before."""
+        return name in self.numbers or self.values[name] != value
 
 
 class _Outline:
@@ -128,8 +132,21 @@ def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple
     return tuple(counts)
 
 
-def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
+def _hole_of(value: object, packed: bytes, *, moves: bool) -> str:
+    """Return the layout of a number's hole; empty for what must be the same in all messages."""
+    if isinstance(value, float):
+        return "d"
+    # The members of an enumeration are integers too, but have to be looked up.
+    return _COUNTS.get(packed[0], "") if moves and type(value) is int else ""
+
+
+def template_of(
+    payload: bytes, message: Message, arrays: ArrayLayout, before: Template | None = None
+) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
+
+    Integers outside the header have a hole if they differ from those of the template ``before``;
+    most of them never change, and what is in a hole has to be checked each time.
 
     Returns:
         None if it has parts that can be changed, or if the bytes are not exactly what
@@ -146,15 +163,20 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     counts = _add_header(outline, header, packer)
     places: dict[str, int] = {}
     for name, value in values.items():
-        is_array, is_float = name in arrays.specs, isinstance(value, float)
+        is_array = name in arrays.specs
         packed = packer.pack(value.tobytes() if is_array else value)
-        size = value.nbytes if is_array else 8 if is_float else 0
+        if is_array:
+            hole = f"{value.nbytes}s"
+        else:
+            moves = before is not None and before.moves(name, value)
+            hole = _hole_of(value, packed, moves=moves)
+        size = struct.calcsize(f">{hole}")
         outline.add(packer.pack(name) + packed[: len(packed) - size])
-        if size:
+        if hole:
             places[name] = len(outline.around)
-            outline.end_run("d" if is_float else f"{size}s")
+            outline.end_run(hole)
     outline.end_run()
-    floats = tuple(name for name in places if name not in arrays.specs)
+    numbers = tuple(name for name in places if name not in arrays.specs)
     form = struct.Struct(outline.layout)
     around = tuple(outline.around)
     if form.size != len(payload) or form.unpack(payload)[::2] != around:
@@ -163,9 +185,9 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
         unpack=form.unpack,
         around=around,
         counts=counts,
-        floats=floats,
-        floats_of=getter([places[name] for name in floats]),
-        check_floats=fields_validator(type(message), floats) if floats else None,
+        numbers=numbers,
+        numbers_of=getter([places[name] for name in numbers]),
+        check_numbers=fields_validator(type(message), numbers) if numbers else None,
         header=header,
         values=dict(message.__dict__),
         arrays=arrays,
