@@ -77,5 +77,9 @@ class Encoder(nn.Module):
         The conversion is a part of the network, so that pictures are kept and sent in 8 bits, and
         training and service cannot differ in it.
         """
-        x = pictures.permute(0, 3, 1, 2).to(self.features.weight.dtype) / 255.0
-        return self.features(self.points(self.trunk(x)))
+        return self.features(self.points(self.maps(pictures)))
+
+    def maps(self, pictures: Tensor) -> Tensor:
+        """Return the feature maps (n, channels, h, w) from which the key points are taken."""
+        maps: Tensor = self.trunk(pictures.permute(0, 3, 1, 2).to(self.features.weight.dtype) / 255)
+        return maps
