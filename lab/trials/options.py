@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Callable
 from typing import Any
 
+from lab.trials.operators.specs import SyntheticSpec
 from services.teleop.synthetic.traits import TRAITS
 
 _LINK_HELP = (
@@ -109,7 +110,7 @@ def add_link_options(parser: "argparse._ActionsContainer") -> None:
 def trial_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of :class:`~lab.trials.spec.TrialSettings` from parsed options."""
     return {
-        "traits": TRAITS[arguments.traits],
+        "operator": SyntheticSpec(traits=TRAITS[arguments.traits]),
         "torque_mode": arguments.torque_mode,
         "pace": arguments.pace,
         "physics_steps": arguments.physics_steps,

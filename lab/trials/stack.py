@@ -1,4 +1,4 @@
-"""Hosts plant, controller and synthetic operator with one task in simulated time."""
+"""Hosts plant, controller and an operator with one task in simulated time."""
 
 from time import perf_counter
 
@@ -9,11 +9,11 @@ from common.schemas import TaskStatus, TaskVerdict
 from common.topics import TASK_STATUS
 from lab.errors import StoppedError
 from lab.trials.links import links_used
+from lab.trials.operators.kinds import build_operator
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.workers import Stop, stop_request
 from services.sim.config import SimConfig
 from services.sim.service import PlantService
-from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
 
@@ -28,7 +28,7 @@ class TaskStack:
         spec: the trial.
         plant: the plant's service.
         wbc: the controller's service.
-        operator: the synthetic operator's service.
+        operator: tells what the operator is doing.
         links: the delays under which the trial runs.
         runner: hosts the services.
         status: the task's last status; None before the first.
@@ -49,12 +49,10 @@ class TaskStack:
         )
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}
         self.wbc = WbcService(wbc_config(spec.torque_mode, spec.pace, **overrides))
-        self.operator = SyntheticOperator(
-            SyntheticConfig(task=spec.task, seed=spec.seed, traits=spec.traits, stay=True)
-        )
+        self.operator, services = build_operator(spec)
         self.links = links_used(spec.task, spec.links)
         self.runner = SimTimeRunner(
-            [self.plant, self.wbc, self.operator],
+            [self.plant, self.wbc, *services],
             seed=spec.seed,
             links=self.links,
             record=record,

@@ -69,10 +69,10 @@ def make_episode(config: EpisodeConfig, seed: int, stop: Stop | None = None) -> 
 
 
 def _meta(config: EpisodeConfig, recorder: EpisodeRecorder, result: TrialResult) -> EpisodeMeta:
-    code, size = collecting_code(), config.pictures
+    code, size = collecting_code(config.operator), config.pictures
     step = config.physics_steps * PHYSICS_STEP_NS
     return EpisodeMeta(
-        operator="synthetic",
+        operator=config.operator.kind,
         task=config.task,
         goal=find_task(config.task).goal,
         seed=result.seed,

@@ -25,6 +25,7 @@ from services.sim.model.world import build_model, find_addresses
 from services.sim.physics.divergence import check_state
 from services.sim.physics.noise import add_noise
 from services.sim.physics.stance import standing_qpos, standing_torque
+from services.sim.physics.steps import PhysicsSteps
 from services.sim.tasks import find_task
 from services.sim.tasks.registry import with_task
 from services.sim.tasks.trial import SceneView, Trial
@@ -32,16 +33,11 @@ from services.sim.tasks.trial import SceneView, Trial
 START_NS = 1_000_000_000
 """Robot time of the first state; positive, so that a stamp of 0 never is a measurement."""
 
-FALLEN_HEIGHT = 0.5
-"""Torso height below which the robot has fallen [m]."""
-FALLEN_UPRIGHTNESS = math.cos(math.radians(41.0))
-"""Cosine of the torso's tilt below which the robot has fallen."""
-
-_PER_JOINT = 1.0 / MOTOR_TO_JOINT.sum(axis=0)
-"""(25,) makes the mean over a motor's joints of their sum."""
 _MOTOR_OF_JOINT = MOTOR_TO_JOINT.argmax(axis=1)
 """(27,) index of the motor that turns each joint."""
 _AGES_KEPT = 1024
+_MOST_STEPS = 1000
+"""Of physics between two looks of the guard."""
 _SETTLING_STEPS = 200
 _LOG = logging.getLogger(__name__)
 _assemble: Callable[[dict[str, Any]], PlantState] = assembler(PlantState)
@@ -91,10 +87,8 @@ class Plant:
         self._standing_torque = standing_torque(self.model, self.addresses, self._standing)
         # Views of MuJoCo's memory, which it never moves.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
-        self._motor_length = self.data.actuator_length[:NUM_MOTORS]
-        self._motor_velocity = self.data.actuator_velocity[:NUM_MOTORS]
         self._motor_torque = self.data.ctrl[:NUM_MOTORS]
-        self._torso_rotation = self.data.xmat[self.addresses.torso]
+        self._physics = PhysicsSteps(self.model, self.data, self.addresses.torso, self.servo)
         self._noiseless = self.config.noise == NoiseConfig()
         self.now_ns = START_NS - PHYSICS_STEP_NS
         self.reset_count = -1
@@ -193,50 +187,54 @@ class Plant:
         Raises:
             PlantDivergedError: the physics of robot or scene diverged; only :meth:`reset` helps.
         """
-        before = self.guard.mode
-        for _ in range(steps):
+        before, last = self.guard.mode, self.steps + steps
+        while self.steps < last:
             self._decide()
-            self._move()
-            judged = self._judge()
-            if judged or self.guard.mode is not before:
+            changed = self.guard.mode is not before
+            self._move(1 if changed else min(last - self.steps, self._undecided_steps()))
+            if self._judge() or changed:
                 return
 
     def _decide(self) -> None:
         """Let the guard decide what the motors do in the next physics step."""
-        self.fallen = self.fallen or self._is_down()
+        self.fallen = self.fallen or self._physics.is_down()
         mode = self.guard.tick(self.now_ns, self.fallen)
         if mode is not self._mode:
             self._enter(mode)
         if self._hold is not None:
             self._follow(self._hold)
 
-    def _move(self) -> None:
-        """Advance the physics by one step."""
-        model, data, servo = self.model, self.data, self.servo
-        # It also computes lengths and velocities of the actuators, which for a motor are sums.
-        mujoco.mj_step1(model, data)
-        np.multiply(self._motor_length, _PER_JOINT, out=servo.position)
-        np.multiply(self._motor_velocity, _PER_JOINT, out=servo.velocity)
-        servo.torque(self._target, self.now_ns, self._motor_torque)
-        mujoco.mj_step2(model, data)
-        self.steps += 1
-        self.now_ns += PHYSICS_STEP_NS
-        check_state(model, self._qpos, self._qvel)
+    def _undecided_steps(self) -> int:
+        """Return how many physics steps have nothing to decide, judge or end in between."""
+        if self._hold is not None or self._trial_runs:
+            return 1
+        steps = _MOST_STEPS
+        if (settled_ns := self.guard.settled_until_ns()) is not None:
+            # The guard has decided about the step that begins now.
+            steps = min(steps, 1 + (settled_ns - self.now_ns) // PHYSICS_STEP_NS)
+        if self._push_until_ns:
+            steps = min(steps, -((self.now_ns - self._push_until_ns) // PHYSICS_STEP_NS))
+        return max(1, steps)
+
+    def _move(self, steps: int) -> None:
+        """Advance the physics by ``steps``, or fewer if the robot falls or the physics diverges."""
+        done = self._physics.run(self._target, self.now_ns, steps, watch_fall=not self.fallen)
+        self.steps += done
+        self.now_ns += done * PHYSICS_STEP_NS
+        check_state(self.model, self._qpos, self._qvel)
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
-            data.xfrc_applied[self.addresses.torso, :3] = 0.0
+            self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
+
+    @property
+    def _trial_runs(self) -> bool:
+        return self.trial is not None and self._trial_from is not None
 
     def _judge(self) -> bool:
         """Let the trial see the last physics step; return whether that has changed it."""
         if self.trial is None or self._trial_from is None:
             return False
         return self.trial.step((self.steps - self._trial_from) * 1e-3, fallen=self.fallen)
-
-    def _is_down(self) -> bool:
-        return (
-            float(self._qpos[2]) < FALLEN_HEIGHT
-            or float(self._torso_rotation[8]) < FALLEN_UPRIGHTNESS
-        )
 
     def _enter(self, mode: GuardMode) -> None:
         _LOG.info("guard: %s at %.3f s%s", mode.name, self.now_ns * 1e-9, " (fallen)" * self.fallen)

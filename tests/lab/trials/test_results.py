@@ -11,9 +11,11 @@ from common.errors import TrillError
 from lab.errors import LabError
 from lab.studies.tasks.command import main
 from lab.trials import results
-from lab.trials.results import TrialFile, run_trials
+from lab.trials.operators.specs import SyntheticSpec
+from lab.trials.results import TrialFile, run_trials, trial_code
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.workers import LocalExecutor
+from services.teleop.synthetic.traits import TRAITS
 
 SPEC = TrialSpec(task="door/unlock", seed=3, physics_steps=5)
 
@@ -59,7 +61,7 @@ def test_a_trial_counts_only_with_the_same_settings(tmp_path: Path) -> None:
         replace(SPEC, physics_steps=1),
         replace(SPEC, links={}),
         replace(SPEC, raw_hands=True),
-        replace(SPEC, traits=SPEC.traits.model_copy(update={"tremor": 0.0})),
+        replace(SPEC, operator=SyntheticSpec(traits=TRAITS["steady"])),
     ):
         assert kept.result(other) is None
 
@@ -69,10 +71,21 @@ def test_trials_of_other_code_do_not_count_and_are_told(
 ) -> None:
     path = tmp_path / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    other = TrialFile(None).code.model_copy(update={"source": "another"})
-    monkeypatch.setattr(results, "code_version", lambda _module: other)
+    other = trial_code(SPEC.operator).model_copy(update={"source": "another"})
+    monkeypatch.setattr(results, "trial_code", lambda _operator: other)
     kept = TrialFile(path)
     assert (kept.result(SPEC), kept.other_code) == (None, 1)
+
+
+def test_a_file_from_when_there_was_one_operator_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    steady = replace(SPEC, operator=SyntheticSpec(traits=TRAITS["steady"]))
+    TrialFile(path).add(steady, result(3))
+    line = json.loads(path.read_text())
+    line["spec"]["traits"] = line["spec"].pop("operator")["traits"]
+    path.write_text(json.dumps(line) + "\n")
+    kept = TrialFile(path)
+    assert (kept.result(steady), kept.result(SPEC)) == (result(3), None)
 
 
 def test_a_torn_line_is_dropped_and_the_next_begins_on_its_own(tmp_path: Path) -> None:
@@ -186,7 +199,7 @@ def test_trials_with_other_packages_do_not_count(
 ) -> None:
     path = tmp_path / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    other = TrialFile(None).code.model_copy(update={"versions": {"mujoco": "99.0"}})
-    monkeypatch.setattr(results, "code_version", lambda _module: other)
+    other = trial_code(SPEC.operator).model_copy(update={"versions": {"mujoco": "99.0"}})
+    monkeypatch.setattr(results, "trial_code", lambda _operator: other)
     kept = TrialFile(path)
     assert (kept.result(SPEC), kept.other_code) == (None, 1)
