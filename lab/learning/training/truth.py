@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from common.episodes.oracle import oracle_names, oracle_numbers
+from common.robot.frames import CAMERAS
 from common.schemas import PlantState, SceneState
 from common.schemas.arrays import Float64Array as Array
 from lab.errors import TrainingError
@@ -71,6 +72,14 @@ class TruthReader:
         scene = SceneState(scene=self.scene, qpos=qpos.tolist())
         show_state(self._model, self._data, self._addresses, state, scene)
         return self._view.state(0, 0)
+
+    def camera(self, side: str) -> tuple[Array, Array]:
+        """Return position (3,) and axes (3, 3), in columns, of a camera as last posed, in world.
+
+        x points right in the picture, y up, and the camera looks along -z.
+        """
+        camera = self._data.camera(CAMERAS[side])
+        return camera.xpos.copy(), camera.xmat.reshape(3, 3).copy()
 
     def numbers(self, names: tuple[str, ...], arrays: dict[str, Any]) -> Array:
         """Return the numbers (T, n) of the scene called ``names`` in each frame of an episode."""

@@ -52,7 +52,12 @@ class SpatialSoftmax(nn.Module):
 
     def forward(self, maps: Tensor) -> Tensor:
         """Return the points (n, 2 * points): all x, then all y, from -1 (left, top) to 1."""
-        heat = self.heat(maps).exp()
+        return self.of(self.heat(maps))
+
+    @staticmethod
+    def of(heat: Tensor) -> Tensor:
+        """Return the points of the logarithms that :meth:`heat` returns."""
+        heat = heat.exp()
         x = torch.linspace(-1.0, 1.0, heat.shape[3], device=heat.device)
         y = torch.linspace(-1.0, 1.0, heat.shape[2], device=heat.device)
         return torch.cat(((heat.sum(2) * x).sum(2), (heat.sum(3) * y).sum(2)), dim=1)

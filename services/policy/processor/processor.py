@@ -36,7 +36,7 @@ INPUT_FLOOR = 0.01
 """Least scale of a number of the observation, in its unit: m, rad/s, 1."""
 ACTION_FLOOR = 1e-4
 """Least scale of a number of the action, in its unit: m, rad, 1."""
-SCENE_FLOOR = 1e-3
+SCENE_FLOOR = 0.01
 """Least scale of an estimated number of the scene, in its unit: m, rad, 1."""
 
 
