@@ -29,6 +29,7 @@ COMMANDS = (
     Command("latency", "inject latency, jitter and loss", "lab.cli.latency:ACTION"),
     Command("tasks", "describe the scored tasks", "lab.cli.tasks:ACTION"),
     Command("collect", "collect demonstrations of a task", "lab.cli.collect:ACTION"),
+    Command("train", "train a policy on demonstrations", "lab.cli.train:ACTION"),
     Command("dataset", "export demonstrations to lerobot or robomimic", "lab.cli.dataset:ACTION"),
     Command("study", "study the effect of latency on an operator", "lab.cli.study:ACTION"),
     Command("report", "sum up a recorded run again", "lab.cli.report:ACTION"),

@@ -6,7 +6,7 @@
     metrics.jsonl            a line for each validation
     curves.png               the same as a picture
     checkpoints/000800       a checkpoint, named by its step
-    best, last               links to checkpoints: of the least loss on held-out episodes, the newest
+    best, last               links to checkpoints: of the least held-out loss, and the newest
 
 Nothing in it is ever unpickled.
 """
@@ -14,6 +14,7 @@ Nothing in it is ever unpickled.
 import json
 import shutil
 from pathlib import Path
+from typing import Self
 
 import torch
 from pydantic import Field, ValidationError
@@ -29,7 +30,7 @@ from lab.trials.folder import disk_errors, read_model, write_file, write_model
 from lab.trials.spec import settings_differences
 from services.policy.checkpoint.folder import save_checkpoint
 from services.policy.checkpoint.manifest import Origin
-from services.policy.configuration import StrictModel
+from services.policy.configuration import PolicySettings, StrictModel
 from services.policy.kinds import AnyConfig
 from services.policy.networks.policy import PolicyNetwork
 from services.policy.processor.processor import Processor
@@ -53,6 +54,18 @@ class TrainingFile(StrictModel):
     dataset: str
     policy: AnyConfig
     training: TrainingConfig
+
+    @classmethod
+    def of(cls, task: str, dataset: str, policy: PolicySettings, training: TrainingConfig) -> Self:
+        """Return the file of a policy of any kind."""
+        return cls.model_validate(
+            {
+                "task": task,
+                "dataset": dataset,
+                "policy": policy.model_dump(),
+                "training": training.model_dump(),
+            }
+        )
 
 
 class Progress(StrictModel):

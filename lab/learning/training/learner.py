@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from contextlib import AbstractContextManager, nullcontext
 from copy import deepcopy
 from math import cos, pi
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -56,7 +57,9 @@ class Learner:
         optimiser: of the parameters that learn.
     """
 
-    def __init__(self, network: PolicyNetwork, config: TrainingConfig, device: torch.device) -> None:
+    def __init__(
+        self, network: PolicyNetwork, config: TrainingConfig, device: torch.device
+    ) -> None:
         """Begin; parameters that need no gradient stay as they are."""
         self.network = network.to(device)
         self._config, self._device = config, device
@@ -112,20 +115,19 @@ class Learner:
         outputs, _ = network(batch.observation, batch.pictures, at=batch.at, seen=batch.seen)
         return network.terms(outputs, batch.targets)
 
-    def _precision(self) -> AbstractContextManager[object]:
-        if not self._mixed:
-            return nullcontext()
-        return torch.autocast(self._device.type, dtype=torch.bfloat16)
+    def _precision(self) -> AbstractContextManager[Any]:
+        mixed = torch.autocast(self._device.type, dtype=torch.bfloat16)
+        return mixed if self._mixed else nullcontext()
 
-    @torch.no_grad()
     def _follow(self) -> None:
         """Move the averaged weights towards the present ones."""
-        pairs = zip(self.averaged.state_dict().values(), self.network.state_dict().values(), strict=True)
-        for mean, now in pairs:
-            if mean.is_floating_point():
-                mean.lerp_(now, 1.0 - self._config.average)
-            else:
-                mean.copy_(now)
+        now = self.network.state_dict()
+        with torch.no_grad():
+            for name, mean in self.averaged.state_dict().items():
+                if mean.is_floating_point():
+                    mean.lerp_(now[name], 1.0 - self._config.average)
+                else:
+                    mean.copy_(now[name])
 
 
 def _numbers(terms: dict[str, Tensor], loss: Tensor) -> Metrics:

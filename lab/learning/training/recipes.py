@@ -13,6 +13,10 @@ from services.policy.kinds import CONFIGS
 
 Inputs = Literal["pictures", "scene", "blind"]
 """What a policy knows of the scene: its pictures, the simulator's numbers, or nothing."""
+SCENES: Final[dict[str, tuple[str, ...]]] = {
+    "door/unlock": ("lever_grip", "door_hinge", "door_lever"),
+}
+"""Objects and joints that are enough to know for a task; of other tasks a policy is told all."""
 RecipeName = Literal["paper", "chunks"]
 """``paper`` reproduces; ``chunks`` is this project's own, see :data:`_CHUNKS`."""
 

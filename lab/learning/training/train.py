@@ -72,7 +72,7 @@ def train(job: Job) -> Progress:
         demonstrations = read_demonstrations(job.data, job.task, bar.advance)
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
     with locked_folder(job.out, TrainingError):
-        folder.begin(TrainingFile(task=job.task, dataset=digest, policy=policy, training=config))
+        folder.begin(TrainingFile.of(job.task, digest, policy, config))
         learned, held_out = divide(demonstrations, config.held_out, config.seed)
         _tell_scene(job, demonstrations)
         processor = Processor.fit(policy, [d.arrays for d in learned])
@@ -113,7 +113,10 @@ def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstrat
     inputs = processor.inputs
     pictures = np.empty((sum(d.frames for d in demonstrations), 0, 1, 1, 3), dtype=np.uint8)
     if inputs.cameras and not inputs.estimated:
-        with disk_errors(job.out, TrainingError), ProgressBar("pictures", len(demonstrations)) as bar:
+        with (
+            disk_errors(job.out, TrainingError),
+            ProgressBar("pictures", len(demonstrations)) as bar,
+        ):
             pictures = read_pictures(demonstrations, inputs, job.out, bar.advance)
     return Windows(processor, [d.arrays for d in demonstrations], pictures, job.recipe.training)
 

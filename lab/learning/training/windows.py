@@ -160,19 +160,15 @@ class Windows:
         spans = zip(self._first.tolist(), ends, strict=True)
         starts = np.concatenate([np.arange(first, end, window) for first, end in spans])
         at = np.arange(window)
-        return [
-            self._batch(starts[i : i + count], at, None) for i in range(0, len(starts), count)
-        ]
+        return [self._batch(starts[i : i + count], at, None) for i in range(0, len(starts), count)]
 
     def _batch(self, starts: Array, at: Array, shifting: np.random.Generator | None) -> Batch:
         frames = starts[:, None] + np.arange(self._config.window)
         valid = frames <= self._last[starts][:, None]
         frames = np.minimum(frames, self._last[starts][:, None])
         counted = frames[:, at]
-        targets = TargetBatch(
-            *(torch.from_numpy(part[counted]) for part in self._targets),
-            torch.from_numpy(valid[:, at]),
-        )
+        parts = [*(part[counted] for part in self._targets), valid[:, at]]
+        targets = TargetBatch._make(torch.from_numpy(part) for part in parts)
         pictures = self._pictures[frames]
         if shifting is not None:
             pictures = shifted(pictures, shifting, self._config.shift)
