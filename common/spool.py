@@ -62,7 +62,7 @@ class Spool:
                 self._file.seek((number * self._columns + index) * BLOCK * result.itemsize)
                 self._file.readinto(result[number * BLOCK : (number + 1) * BLOCK])  # type: ignore[attr-defined]
         except OSError as error:
-            raise _failure(error) from error
+            raise spool_failure(error) from error
         result[self._blocks * BLOCK :] = self._newest[index :: self._columns]
         return result
 
@@ -77,12 +77,13 @@ class Spool:
                 self._file.seek(self._blocks * size * block.itemsize)
                 self._file.write(block.T.tobytes())
             except OSError as error:
-                raise _failure(error) from error
+                raise spool_failure(error) from error
             self._blocks += 1
             del self._newest[:size]
 
 
-def _failure(error: OSError) -> TrillError:
+def spool_failure(error: OSError) -> TrillError:
+    """Say that the directory for temporary files cannot be used, and what to do."""
     return TrillError(
         f"cannot keep intermediate numbers in {tempfile.gettempdir()}: {error.strerror}; expected "
         "some free space there, or the name of another directory in TMPDIR"

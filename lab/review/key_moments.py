@@ -8,8 +8,12 @@ from numpy.typing import NDArray
 
 from common.robot.joints import LEFT_ARM, RIGHT_ARM
 from common.schemas import PlantState
+from lab.review.message_spool import MessageSpool
 from lab.review.timeline import Section, Timeline
 
+FELL = "FELL"
+MAX_MOMENTS = 24
+"""Pictures from outside of a contact sheet."""
 SWING_SHARE = 0.55
 """Part of a gait after which a foot is well in the air."""
 
@@ -27,7 +31,8 @@ def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:
 
     In a section with gaits that is the first gait of each type, mid swing; in any other section
     it is when arms and grippers had moved furthest. If the operator gave no labels, ``spare``
-    evenly spaced moments are added. A fall is always shown.
+    evenly spaced moments are added. A fall is always shown. For a run with very many see
+    :func:`at_most`.
     """
     if not timeline.truth:
         return []
@@ -46,17 +51,30 @@ def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:
         last = len(timeline.truth) - 1
         chosen += [Moment(last * number // spare, "") for number in range(spare + 1)]
     if timeline.fall is not None:
-        chosen.append(Moment(timeline.fall, "FELL"))
+        chosen.append(Moment(timeline.fall, FELL))
     unique = {moment.index: moment for moment in chosen}
-    return [unique[index] for index in sorted(unique)]
+    return at_most(MAX_MOMENTS, [unique[index] for index in sorted(unique)])
 
 
-def _furthest_moved(truth: Sequence[PlantState], section: Section) -> int:
+def at_most(count: int, moments: Sequence[Moment]) -> list[Moment]:
+    """Choose the first moment of each label, or some of these, if there are more than ``count``."""
+    if len(moments) <= count:
+        return list(moments)
+    first = {moment.label: moment for moment in reversed(moments)}
+    ordered = sorted(first.values(), key=lambda moment: moment.index)
+    if len(ordered) <= count:
+        return ordered
+    falls = {place for place, one in enumerate(ordered) if FELL in one.label}
+    spread = np.linspace(0, len(ordered) - 1, count - len(falls)).round().astype(int)
+    return [ordered[place] for place in sorted(falls.union(spread.tolist()))]
+
+
+def _furthest_moved(truth: MessageSpool[PlantState], section: Section) -> int:
     """Return when arms and grippers were furthest from where they were at the section's start."""
     start = _posture(truth[section.start])
     moved = [
-        float(np.linalg.norm(_posture(state) - start))
-        for state in truth[section.start : section.end + 1]
+        float(np.linalg.norm(_posture(truth[index]) - start))
+        for index in range(section.start, section.end + 1)
     ]
     # The last of equals: a section in which nothing moves is shown at its end.
     return section.end - int(np.argmax(np.round(moved[::-1], 3)))

@@ -21,7 +21,7 @@ from lab.review.path_plot import plot_path
 from lab.review.task_contact_sheet import recorded_images, task_contact_sheet, task_title
 from lab.review.task_moments import task_caption
 from lab.review.tiles import moment_tiles, render_scene
-from lab.review.timeline import RATE, Timeline, frame_step, image_at
+from lab.review.timeline import RATE, Timeline, frame_step
 from services.sim.rendering.render import FollowCamera, contact_sheet
 
 TILE = (480, 270)
@@ -87,7 +87,7 @@ def write_video(path: Path, timeline: Timeline, on_progress: OnProgress) -> None
 def _video_frames(timeline: Timeline, indices: Sequence[int]) -> Iterator[Image]:
     rendered = render_scene(timeline, indices, *VIDEO, fast=True)
     for index, image in zip(indices, rendered, strict=True):
-        frame = image_at(timeline.left_images, index)
+        frame = timeline.left_images.at(index)
         if frame is not None:
             _inset(image, decode_frame(frame))
         label = task_caption(timeline, index) if timeline.task else timeline.label_at(index)
@@ -100,7 +100,7 @@ def _camera_tiles(timeline: Timeline, moments: Sequence[Moment]) -> list[Image]:
     best = moments[int(np.argmax(closure))].index
     tiles = []
     for name, images in (("left", timeline.left_images), ("right", timeline.right_images)):
-        frame = image_at(images, best)
+        frame = images.at(best)
         if frame is not None:
             text = f"{timeline.seconds_at(best):5.1f} s  the robot's {name} eye"
             tiles.append(with_caption(letterbox(decode_frame(frame), *TILE), text))

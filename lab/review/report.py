@@ -11,6 +11,7 @@ from deploy.launch import Verdict
 from deploy.system import LOG_FILE
 from lab.errors import LabError
 from lab.progress import ProgressBar
+from lab.review.heap import trim_heap
 from lab.review.run_summary import RunSummary, ServiceTiming
 from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
@@ -40,6 +41,7 @@ def finish(
         print("reading the log", flush=True)
     timeline = Timeline() if pictures else None
     summary = write_summary(log, verdict, settings, timeline)
+    trim_heap()
     print("\n".join(report_lines(summary)), flush=True)
     if timeline is not None and (failure := draw_pictures(log, timeline, video=video)):
         print(failure)

@@ -10,7 +10,7 @@ from common.schemas import TaskStatus, TaskVerdict
 from lab.review.frames import Image, OnProgress, decode_frame, letterbox, with_caption
 from lab.review.task_moments import task_moments, trial_seconds
 from lab.review.tiles import moment_tiles
-from lab.review.timeline import Timeline, image_at
+from lab.review.timeline import Timeline
 from services.sim.rendering.render import FollowCamera, contact_sheet
 from services.sim.scenes.base import View
 
@@ -38,7 +38,7 @@ def recorded_images(timeline: Timeline) -> CameraImages:
     """Return the left camera's images as they were recorded."""
 
     def at(index: int) -> Image | None:
-        frame = image_at(timeline.left_images, index)
+        frame = timeline.left_images.at(index)
         return None if frame is None else decode_frame(frame)
 
     return at

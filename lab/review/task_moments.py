@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 
 from common.schemas import TaskStatus, TaskVerdict
-from lab.review.key_moments import Moment
+from lab.review.key_moments import FELL, MAX_MOMENTS, Moment, at_most
 from lab.review.timeline import Timeline, trial_of
 
 START = "start"
@@ -14,7 +14,8 @@ def task_moments(timeline: Timeline, wanted: int = 8) -> list[Moment]:
     """Choose the start, each stage's completion, each undesired contact, verdicts and a fall.
 
     If these are fewer than ``wanted``, the longest gaps between them are halved by further
-    moments, captioned with the operator's label.
+    moments, captioned with the operator's label. For a run with very many see
+    :func:`lab.review.key_moments.at_most`.
     """
     if not timeline.truth:
         return []
@@ -22,14 +23,15 @@ def task_moments(timeline: Timeline, wanted: int = 8) -> list[Moment]:
     for index, label in _events(timeline):
         labels.setdefault(index, []).append(label)
     if timeline.fall is not None:
-        labels.setdefault(timeline.fall, []).append("FELL")
+        labels.setdefault(timeline.fall, []).append(FELL)
     if timeline.task is None or timeline.task.verdict is TaskVerdict.RUNNING:
         labels.setdefault(len(timeline.truth) - 1, [])
     _halve_gaps(labels, wanted)
-    return [
+    chosen = [
         Moment(index, "; ".join(labels[index]) or timeline.label_at(index))
         for index in sorted(labels)
     ]
+    return at_most(MAX_MOMENTS, chosen)
 
 
 def trial_seconds(timeline: Timeline, index: int) -> float:

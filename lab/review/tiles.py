@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 
 from lab.review.frames import Image, OnProgress, with_caption
+from lab.review.heap import trim_heap
 from lab.review.key_moments import Moment
 from lab.review.timeline import Timeline
 from services.sim.rendering.render import FollowCamera, render_states, task_view
@@ -60,4 +61,5 @@ def moment_tiles(
     for moment, image in zip(moments, images, strict=True):
         tiles.append(with_caption(image, f"{seconds(moment.index):5.1f} s  {moment.label}"))
         on_progress(len(tiles), len(moments))
+    trim_heap()
     return tiles

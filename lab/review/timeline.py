@@ -3,9 +3,11 @@
 Every event is placed at the newest ground truth that had arrived before it.
 """
 
+from array import array
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -26,14 +28,14 @@ from common.schemas import (
 )
 from common.topics import PLANT_TRUTH, Topic
 from lab.live.new_trials import preceded_first_operator
+from lab.review.image_series import ImageSeries
+from lab.review.message_spool import MessageSpool
 from lab.review.scoring import commanded_motions, recorded_motions
 
 RATE = 12.5
 """Ground truth is thinned to this rate [Hz]."""
 MAX_TRUTH = 30_000
 """Ground truths kept, 40 minutes; of a longer run every other one is dropped, again and again."""
-MAX_IMAGES = 2000
-"""Images kept of each camera; when there are more, every other one is dropped."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +67,13 @@ class Timeline:
 
     Attributes:
         truth: the ground truth.
-        scene_states: state of the scene's objects at each ground truth; None before the first.
+        scene_states: state of the scene's objects at each ground truth, before the first one was
+            received that one; empty if there is none.
         labels: (index, label) at each change of the operator's label.
         gaits: the completed gaits.
         fall: index of the first fall; None without one.
-        left_images: (index, frame) of the robot's left camera.
-        right_images: (index, frame) of the robot's right camera.
+        left_images: those of the robot's left camera.
+        right_images: those of the robot's right camera.
         task_changes: (index, status) at each change of the scored task; trials that passed
             before an operator came are left out.
         operator_script: name of the script that the operator reported last.
@@ -78,24 +81,28 @@ class Timeline:
             or by its default configuration where the log has none.
     """
 
-    truth: list[PlantState] = field(default_factory=list)
-    scene_states: list[SceneState | None] = field(default_factory=list)
+    truth: MessageSpool[PlantState] = field(default_factory=partial(MessageSpool, PlantState))
+    scene_states: MessageSpool[SceneState] = field(
+        default_factory=partial(MessageSpool, SceneState)
+    )
     labels: list[tuple[int, str]] = field(default_factory=list)
     gaits: list[GaitSpan] = field(default_factory=list)
     fall: int | None = None
-    left_images: list[tuple[int, CameraFrame]] = field(default_factory=list)
-    right_images: list[tuple[int, CameraFrame]] = field(default_factory=list)
+    left_images: ImageSeries = field(default_factory=ImageSeries)
+    right_images: ImageSeries = field(default_factory=ImageSeries)
     task_changes: list[tuple[int, TaskStatus]] = field(default_factory=list)
     operator_script: str = ""
     commanded: dict[Gait, Pose2] = field(default_factory=commanded_motions)
 
+    _last: PlantState | None = None
+    """Last ground truth kept or, after a thinning, dropped."""
     _scene_state: SceneState | None = None
     _accepted: dict[tuple[int, int], int] = field(default_factory=dict)
     """Index of the acceptance of each gait under way, by boot id of its requester and number."""
     _period: float = 1.0 / RATE
     """Robot time between two ground truths [s]."""
-    _seconds: list[float] = field(default_factory=list)
-    """Robot time at each ground truth, as far as it was asked for [s]."""
+    _seconds: "array[float]" = field(default_factory=lambda: array("d"))
+    """Robot time at each ground truth [s]."""
     _unattended: set[tuple[int, int]] = field(default_factory=set)
     """Trials that passed before an operator came."""
 
@@ -105,12 +112,12 @@ class Timeline:
         match message:
             case PlantState():
                 due = topic.name == PLANT_TRUTH.name
-                if due and _is_due(self.truth, message, self._period):
-                    self.truth.append(message)
-                    self.scene_states.append(self._scene_state)
-                    if len(self.truth) > MAX_TRUTH:
-                        self._thin()
+                if due and _is_due(self._last, message, self._period):
+                    self._add_truth(message)
             case SceneState():
+                if self._scene_state is None:
+                    for _ in self._seconds:
+                        self.scene_states.append(message)
                 self._scene_state = message
             case StepJournal():
                 self.commanded = recorded_motions(message) or self.commanded
@@ -124,6 +131,16 @@ class Timeline:
         for topic, message in messages:
             self.add(topic, message)
             yield topic, message
+
+    def _add_truth(self, state: PlantState) -> None:
+        passed = _seconds_between(self._last, state) if self._last else 0.0
+        self._seconds.append((self._seconds[-1] if self._seconds else 0.0) + passed)
+        self.truth.append(state)
+        self._last = state
+        if self._scene_state is not None:
+            self.scene_states.append(self._scene_state)
+        if len(self.truth) > MAX_TRUTH:
+            self._thin()
 
     def _add_event(self, message: Message, now: int) -> None:
         match message:
@@ -142,9 +159,7 @@ class Timeline:
                 self.fall = now
             case CameraFrame():
                 images = self.left_images if message.eye == "left" else self.right_images
-                images.append((now, message))
-                if len(images) > MAX_IMAGES:
-                    del images[1::2]
+                images.add(now, message)
             case TaskStatus() if trial_of(message) not in self._unattended:
                 if self.task is None or _task_state(self.task) != _task_state(message):
                     self.task_changes.append((now, message))
@@ -159,41 +174,36 @@ class Timeline:
     def _thin(self) -> None:
         """Drop every other ground truth; what was at one is then at the one before it."""
         self._period *= 2.0
-        del self.truth[1::2], self.scene_states[1::2]
-        self._seconds.clear()
+        self.truth, self.scene_states = self.truth[::2], self.scene_states[::2]
+        self._seconds = self._seconds[::2]
         self.labels = [(index // 2, label) for index, label in self.labels]
         self.gaits = [GaitSpan(one.start // 2, one.end // 2, one.gait) for one in self.gaits]
         self.fall = None if self.fall is None else self.fall // 2
-        self.left_images = [(index // 2, image) for index, image in self.left_images]
-        self.right_images = [(index // 2, image) for index, image in self.right_images]
+        self.left_images.halve_indices()
+        self.right_images.halve_indices()
         self.task_changes = [(index // 2, status) for index, status in self.task_changes]
         self._accepted = {request: index // 2 for request, index in self._accepted.items()}
 
     @property
     def scene(self) -> str:
         """Name of the scene around the robot."""
-        return next((state.scene for state in self.scene_states if state is not None), "flat")
+        return self.scene_states[0].scene if self.scene_states else "flat"
 
     @property
     def task(self) -> TaskStatus | None:
         """Last status of the scored task; None without a task."""
         return self.task_changes[-1][1] if self.task_changes else None
 
-    def scene_states_at(self, indices: Iterable[int]) -> list[SceneState | None]:
-        """Return the scene at each index, the first known state before that was received."""
-        first = next((state for state in self.scene_states if state is not None), None)
-        known = len(self.scene_states)
-        return [(self.scene_states[i] if i < known else None) or first for i in indices]
+    def scene_states_at(self, indices: Iterable[int]) -> Iterator[SceneState | None]:
+        """Yield the scene at each index; None if none was received."""
+        for index in indices:
+            yield self.scene_states[index] if self.scene_states else None
 
     def seconds_at(self, index: int) -> float:
         """Return the robot time from the first ground truth to that at ``index`` [s].
 
         It goes on where the plant was restarted or reset.
         """
-        while len(self._seconds) <= index:
-            number = len(self._seconds)
-            passed = _seconds_between(*self.truth[number - 1 : number + 1]) if number else 0.0
-            self._seconds.append((self._seconds[-1] if number else 0.0) + passed)
         return self._seconds[index]
 
     def label_at(self, index: int) -> str:
@@ -242,22 +252,14 @@ def _seconds_between(before: PlantState, state: PlantState) -> float:
     return 1e-9 * (state.header.stamp - before.header.stamp)
 
 
-def _is_due(truth: Sequence[PlantState], message: PlantState, period: float) -> bool:
+def _is_due(last: PlantState | None, message: PlantState, period: float) -> bool:
     """Return whether a ``period`` [s] has passed, or robot time began anew."""
-    if not truth:
+    if last is None or message.header.boot != last.header.boot:
         return True
-    if message.header.boot != truth[-1].header.boot:
-        return True
-    elapsed = (message.header.stamp - truth[-1].header.stamp) * 1e-9
+    elapsed = (message.header.stamp - last.header.stamp) * 1e-9
     return elapsed < 0.0 or elapsed >= 0.95 * period
 
 
 def frame_step(timeline: Timeline, most: int) -> int:
     """Return n so that every n-th ground truth makes a video of at most ``most`` frames."""
     return max(1, -(-len(timeline.truth) // most))
-
-
-def image_at(images: Sequence[tuple[int, CameraFrame]], index: int) -> CameraFrame | None:
-    """Return the last camera image taken by ``index``; None before the first."""
-    position = bisect_right([number for number, _ in images], index) - 1
-    return images[position][1] if position >= 0 else None

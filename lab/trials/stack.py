@@ -1,9 +1,14 @@
 """Hosts plant, controller and an operator with one task in simulated time."""
 
+from collections.abc import Sequence
 from time import perf_counter
 
+import numpy as np
+
 from common.errors import TrillError
-from common.plant.config import TorqueMode
+from common.plant.config import PHYSICS_STEP_NS, TorqueMode
+from common.ports import Role, with_role
+from common.runtime.service import Service
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import TaskStatus, TaskVerdict
 from common.topics import TASK_STATUS
@@ -17,8 +22,21 @@ from services.sim.service import PlantService
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
 
+SENSORS = with_role(Role.SENSOR)
+_CAMERA_STREAM = 0xCA3E
+"""Separates the random numbers of the cameras' first tick from those of the trial."""
 SECONDS_AFTER_VERDICT = 0.5
 """A trial runs on for so long after its verdict [s]."""
+
+
+def camera_offset_ns(seed: int, period_ns: int) -> int:
+    """Return when the cameras of a trial take their first picture, within a period [ns].
+
+    Nothing synchronises them with plant and operator: each trial draws its own, in whole physics
+    steps.
+    """
+    steps = np.random.default_rng((seed, _CAMERA_STREAM)).integers(period_ns // PHYSICS_STEP_NS)
+    return int(steps) * PHYSICS_STEP_NS
 
 
 class TaskStack:
@@ -35,9 +53,21 @@ class TaskStack:
     """
 
     def __init__(
-        self, spec: TrialSpec, *, record: bool = False, journal: bool | None = None
+        self,
+        spec: TrialSpec,
+        *,
+        beside: Sequence[Service] = (),
+        record: bool = False,
+        journal: bool | None = None,
     ) -> None:
-        """Build the services; ``record`` and ``journal`` are options of the runner."""
+        """Build the services.
+
+        Args:
+            spec: the trial.
+            beside: services to run beside them, before the operator at equal times.
+            record: option of the runner.
+            journal: option of the runner.
+        """
         self.spec = spec
         self.plant = PlantService(
             SimConfig(
@@ -50,11 +80,17 @@ class TaskStack:
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}
         self.wbc = WbcService(wbc_config(spec.torque_mode, spec.pace, **overrides))
         self.operator, services = build_operator(spec)
+        around = (*beside, *services)
         self.links = links_used(spec.task, spec.links)
         self.runner = SimTimeRunner(
-            [self.plant, self.wbc, *services],
+            [self.plant, self.wbc, *around],
             seed=spec.seed,
             links=self.links,
+            offsets_ns={
+                service.name: camera_offset_ns(spec.seed, service.period_ns)
+                for service in around
+                if service.name in SENSORS
+            },
             record=record,
             journal=journal,
         )

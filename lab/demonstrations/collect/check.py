@@ -84,6 +84,8 @@ def _check_episode(path: Path) -> Iterator[str]:
     with open_episode(path) as episode:
         arrays = {}
         for column in COLUMNS:
+            if column.optional and not episode.holds(column.path):
+                continue
             problem, values = _read_array(episode, column)
             if problem:
                 yield problem

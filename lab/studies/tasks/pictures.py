@@ -60,7 +60,7 @@ def write_sheet(
     renderer = StereoRenderer(CameraConfig(scene=timeline.scene, width=TILE[0], height=TILE[1]))
 
     def left_camera(index: int) -> Image:
-        (objects,) = timeline.scene_states_at([index])
+        objects = next(timeline.scene_states_at([index]))
         return renderer.render(timeline.truth[index], ["left"], objects)[0]
 
     try:

@@ -21,9 +21,12 @@ _INSTALL = (
 )
 
 
-_SHADOW_NEAR = 0.005
+_SHADOW_NEAR = 0.002
 """Near plane of pictures with shadows, in extents of the model. The light's depth map has the same
 near plane; with a farther one its shadows speckle the floor."""
+_SMALL_WIDTH, _SMALL_SHADOW = 640, 2048
+"""A picture of at most this width shows no more than a depth map of this size holds; MuJoCo's usual
+one of 4096 takes four times its 16 MB [pixels]."""
 _PLAIN_SHAPES = (12, 6, 1)
 """Slices, stacks and quads of MuJoCo's shapes in plain pictures."""
 
@@ -76,7 +79,11 @@ class Offscreen:
         if plain:
             quality = model.vis.quality
             quality.numslices, quality.numstacks, quality.numquads = _PLAIN_SHAPES
+            # Its memory is taken whether or not shadows are drawn.
+            quality.shadowsize = 0
         else:
+            if width <= _SMALL_WIDTH:
+                model.vis.quality.shadowsize = min(model.vis.quality.shadowsize, _SMALL_SHADOW)
             model.vis.map.znear = min(model.vis.map.znear, _SHADOW_NEAR)
         # A shadow may be cast into the picture from outside it.
         self._culling = Culling(model, width / height) if plain else None

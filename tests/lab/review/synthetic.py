@@ -32,6 +32,7 @@ from common.topics import (
     PLANT_STATE,
     PLANT_STATUS,
     PLANT_TRUTH,
+    TASK_SCENE,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
     WBC_REPLY,
@@ -39,10 +40,22 @@ from common.topics import (
     Topic,
 )
 from lab.review.scoring import FEET_AHEAD_OF_TORSO
+from lab.review.timeline import Timeline
 from services.wbc.config import GaitConfig, WbcConfig
 
 Pair = tuple[Topic[Any], Message]
 MS = 1_000_000
+
+
+def beginning(timeline: Timeline, count: int, **events: Any) -> Timeline:
+    """The first ground truths of a timeline, with their scene and such ``events`` as are given."""
+    short = Timeline(**events)
+    scenes = timeline.scene_states_at(range(count))
+    for state, scene in zip(timeline.truth[:count], scenes, strict=True):
+        if scene is not None:
+            short.add(TASK_SCENE, scene)
+        short.add(PLANT_TRUTH, state)
+    return short
 
 
 class FakeRobot:

@@ -18,7 +18,7 @@ from lab.review.timeline import Timeline, read_timeline
 from services.logger.read.reader import LogReader
 from services.sim.errors import RenderingUnavailableError
 from services.sim.rendering.render import render_states
-from tests.lab.review.synthetic import FakeRobot
+from tests.lab.review.synthetic import FakeRobot, beginning
 from tests.lab.review.test_report import recorded
 from tests.lab.review.test_timeline import mark, picture, stand
 
@@ -58,9 +58,7 @@ def test_the_contact_sheet_has_every_moment_and_the_path(
 
 def test_the_video_plays_at_the_runs_own_pace(timeline: Timeline, tmp_path: Path) -> None:
     done: list[tuple[int, int]] = []
-    short = Timeline(
-        truth=timeline.truth[:8], labels=timeline.labels, left_images=timeline.left_images
-    )
+    short = beginning(timeline, 8, labels=timeline.labels, left_images=timeline.left_images)
     write_video(tmp_path / "v.mp4", short, lambda *counts: done.append(counts))
     assert done[-1] == (8, 8)
     video = cv2.VideoCapture(str(tmp_path / "v.mp4"))

@@ -56,7 +56,7 @@ def test_before_the_first_scene_state_the_scene_is_as_in_that_state() -> None:
     assert timeline.scene == "door"
     flat = read_timeline([robot.plant(PLANT_TRUTH, 0, 0, 0)])
     assert flat.scene == "flat"
-    assert flat.scene_states_at([0]) == [None]
+    assert list(flat.scene_states_at([0])) == [None]
 
 
 def test_each_ground_truth_has_a_caption() -> None:

@@ -22,7 +22,7 @@ from services.sim.errors import RenderingUnavailableError
 from services.sim.rendering.render import TASK_VIEWS, render_states, task_view
 from services.sim.scenes import SCENES
 from services.sim.tasks import all_tasks
-from tests.lab.review.synthetic import FakeRobot
+from tests.lab.review.synthetic import FakeRobot, beginning
 from tests.lab.review.synthetic_task import stand, status, unlocked
 
 
@@ -71,9 +71,7 @@ def test_the_sheet_of_a_task_has_a_head_its_moments_and_the_eye(
 
 
 def test_without_cameras_there_is_no_row_of_the_eye(timeline: Timeline) -> None:
-    blind = Timeline(
-        truth=timeline.truth, scene_states=timeline.scene_states, task_changes=timeline.task_changes
-    )
+    blind = beginning(timeline, len(timeline.truth), task_changes=timeline.task_changes)
     assert blind.task is not None
     sheet = task_contact_sheet(blind, task_title(blind, blind.task), recorded_images(blind), quiet)
     assert 2 * TILE[1] < sheet.shape[0] < 2 * TILE[1] + 60
@@ -81,23 +79,14 @@ def test_without_cameras_there_is_no_row_of_the_eye(timeline: Timeline) -> None:
 
 
 def test_a_run_cut_off_at_once_has_a_sheet_too(timeline: Timeline) -> None:
-    news, left = [(0, timeline.task_changes[0][1])], [(0, timeline.left_images[0][1])]
-    short = Timeline(
-        truth=timeline.truth[:1],
-        scene_states=timeline.scene_states[:1],
-        task_changes=news,
-        left_images=left,
-    )
+    news = [(0, timeline.task_changes[0][1])]
+    short = beginning(timeline, 1, task_changes=news, left_images=timeline.left_images)
     sheet = task_contact_sheet(short, "cut off", recorded_images(short), quiet)
     assert TILE[1] < sheet.shape[0] < 2 * TILE[1] + 60
 
 
 def test_the_video_shows_the_scene_too(timeline: Timeline, tmp_path: Path) -> None:
-    short = Timeline(
-        truth=timeline.truth[:3],
-        scene_states=timeline.scene_states[:3],
-        task_changes=timeline.task_changes,
-    )
+    short = beginning(timeline, 3, task_changes=timeline.task_changes)
     write_video(tmp_path / "v.mp4", short, quiet)
     good, frame = cv2.VideoCapture(str(tmp_path / "v.mp4")).read()
     assert good

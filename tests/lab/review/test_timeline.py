@@ -5,16 +5,10 @@ import pytest
 
 from common.schemas import CameraFrame, Gait, OperatorStatus
 from common.topics import CAMERA_LEFT, PLANT_TRUTH, TELEOP_STATUS
+from lab.review import image_series
 from lab.review import timeline as timeline_module
-from lab.review.key_moments import key_moments
-from lab.review.timeline import (
-    MAX_IMAGES,
-    RATE,
-    Timeline,
-    frame_step,
-    image_at,
-    read_timeline,
-)
+from lab.review.key_moments import FELL, Moment, at_most, key_moments
+from lab.review.timeline import RATE, Timeline, frame_step, read_timeline
 from tests.lab.review.synthetic import MS, FakeRobot, Pair
 
 
@@ -117,17 +111,36 @@ def test_a_fall_is_shown_and_an_empty_run_is_not() -> None:
     assert key_moments(Timeline()) == []
 
 
-def test_pictures_are_bounded_and_found_by_time() -> None:
+def test_pictures_are_bounded_and_evenly_spread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(image_series, "MAX_IMAGES", 20)
+    monkeypatch.setattr(timeline_module, "MAX_TRUTH", 100)
     robot = FakeRobot()
     pairs: list[Pair] = []
-    for number in range(MAX_IMAGES + 500):
+    for number in range(250):
         pairs += [*stand(robot, 1), picture(robot, number)]
     timeline = read_timeline(pairs)
-    assert MAX_IMAGES / 2 <= len(timeline.left_images) <= MAX_IMAGES
-    found = image_at(timeline.left_images, 1000)
-    assert found is not None
-    assert abs(found.data[0] - 1000 % 256) <= 1
-    assert image_at(timeline.left_images, -1) is None
+    images = timeline.left_images
+    assert 10 <= len(images) <= 20
+    assert images.at(-1) is None
+    for index in range(len(timeline.truth)):
+        found = images.at(index)
+        assert found is not None
+        then = round(10.0 * timeline.seconds_at(index))
+        # Of 250 pictures at least ten are kept, at like distances.
+        assert 0 <= then - found.data[0] <= 32
+
+
+def test_a_contact_sheet_stays_small() -> None:
+    some = [Moment(index, f"label {index % 5}") for index in range(20)]
+    assert at_most(20, some) == some
+    assert at_most(19, some) == some[:5]
+    different = [Moment(index, str(index)) for index in range(1000)]
+    different[501] = Moment(501, FELL)
+    chosen = at_most(10, different)
+    assert len(chosen) == 10
+    assert different[501] in chosen
+    assert chosen[0] == different[0]
+    assert chosen[-1] == different[-1]
 
 
 def test_a_long_run_is_shown_faster() -> None:
@@ -157,4 +170,3 @@ def test_a_long_run_is_thinned_and_its_events_stay_in_place(
         assert thin.seconds_at(short.start) == pytest.approx(whole.seconds_at(long.start), abs=0.81)
         assert thin.seconds_at(short.end) == pytest.approx(whole.seconds_at(long.end), abs=0.81)
     assert thin.truth[0] is not None
-    assert len(thin.scene_states) == len(thin.truth)
