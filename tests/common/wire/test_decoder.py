@@ -22,6 +22,7 @@ from common.wire.decoder import Decoder
 from common.wire.template import template_of
 from tests.common.transport.support import examples, plant_state
 
+pytestmark = pytest.mark.usefixtures("compiled_or_not")
 HEADER = Header(
     seq=1000, stamp=10**12, captured=2**40, sent=2**41, encode=30_000, boot=2**62, source="sim"
 )
