@@ -22,7 +22,7 @@ def test_the_paper_recipe_changes_nothing_of_the_paper_network() -> None:
 def test_every_kind_has_every_recipe_and_profile(kind: str) -> None:
     for profile in ("cpu", "paper"):
         for name in ("paper", "chunks"):
-            policy, _ = recipe(kind, profile, name, "pictures", NAMES)  # type: ignore[arg-type]
+            policy, _ = recipe(kind, profile, name, "pictures", NAMES)
             assert policy.inputs.cameras == ("left", "right")
             assert isinstance(policy.actions, ChunkConfig) == (name == "chunks")
             assert policy.inputs.estimated == (NAMES if name == "chunks" else ())
