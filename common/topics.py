@@ -33,6 +33,7 @@ from common.schemas import (
     PlantRequest,
     PlantState,
     PlantStatus,
+    PolicyState,
     SceneState,
     ServiceHealth,
     Setpoint,
@@ -112,8 +113,8 @@ PLANT_STATE = Topic(
     200.0, 0.1, priority=_C, exclusive=True, doc="measured state",
 )
 PLANT_TRUTH = Topic(
-    "plant/truth", PlantState, _PLANT, _SENSOR,
-    50.0, 0.2, exclusive=True, doc="ground truth, for scoring only",
+    "plant/truth", PlantState, _PLANT, _SENSOR + _OPERATOR,
+    50.0, 0.2, exclusive=True, doc="ground truth, for scoring and for policies without pictures",
 )
 PLANT_STATUS = Topic(
     "plant/status", PlantStatus, _PLANT, _OPERATOR,
@@ -172,6 +173,10 @@ TELEOP_STATUS = Topic(
     "teleop/status", OperatorStatus, _OPERATOR, _OPERATOR,
     5.0, 1.0, doc="progress of a script",
 )
+POLICY_STATE = Topic(
+    "policy/state", PolicyState, _OPERATOR, (),
+    5.0, 1.0, doc="what a policy does, its delays, answers dropped",
+)
 CAMERA_LEFT = Topic(
     "camera/left", CameraFrame, _SENSOR, _OPERATOR,
     20.0, 0.5, priority=_B, exclusive=True, doc="left camera",
@@ -227,6 +232,7 @@ ALL_TOPICS: tuple[Topic[Message], ...] = (
     TELEOP_GAIT,
     TELEOP_DEVICE,
     TELEOP_STATUS,
+    POLICY_STATE,
     CAMERA_LEFT,
     CAMERA_RIGHT,
     HEALTH,

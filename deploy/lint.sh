@@ -4,5 +4,5 @@ set -eu
 cd "$(dirname "$0")/.."
 ruff check .
 ruff format --check .
-mypy common services deploy lab verification benchmarks tests docs
+mypy hatch_build.py common services deploy lab verification benchmarks tests docs
 lint-imports

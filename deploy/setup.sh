@@ -8,7 +8,7 @@
 set -eu
 venv=$1
 root=$(cd "$(dirname "$0")/.." && pwd)
-extras=sim,wbc,teleop,logger,deploy,dev
+extras=sim,wbc,policy,teleop,logger,deploy,dev
 
 fits='import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
 find_python() {
@@ -46,6 +46,7 @@ echo "setup: installing the packages into $venv (once; takes a few minutes)"
     echo "setup: pip could not install the packages; see above. Is the package index reachable?" >&2
     exit 1
 }
+"$venv/bin/trill" --version
 
 has_gl='import ctypes.util as u, sys
 sys.exit(not (u.find_library("EGL") and (u.find_library("GL") or u.find_library("OpenGL"))))'

@@ -34,6 +34,8 @@ class Column:
         dtype: numpy's name of the data type.
         varies: whether the width depends on the scene; ``names`` is empty then, and an episode's
             file has the names.
+        optional: whether files of this version may lack it, because it was added later; its numbers
+            are then read as NaN.
     """
 
     path: str
@@ -43,6 +45,7 @@ class Column:
     frame: str = ""
     dtype: str = "<f8"
     varies: bool = False
+    optional: bool = False
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -102,6 +105,13 @@ COLUMNS: tuple[Column, ...] = (
         "observation/gripper_closure", "1", "measured closure of grippers; 0 open, 1 closed", SIDES
     ),
     Column(
+        "observation/hand_error",
+        "m, m, rad, rad",
+        "distance of the hands from their targets, then angle between both, by the controller",
+        ("left.position", "right.position", "left.rotation", "right.rotation"),
+        optional=True,
+    ),
+    Column(
         "action/hands",
         _METRES,
         "hand set-points, absolute, within the workspace",
@@ -134,7 +144,8 @@ COLUMNS: tuple[Column, ...] = (
         varies=True,
     ),
 )
-"""The ``truth`` arrays pose robot and scene, so that pictures can be rendered at any size."""
+"""The ``truth`` arrays pose robot and scene at the frame's own time, so that pictures of any size
+can be rendered: of that time, while the pictures in the file are as old as ``age/picture`` says."""
 
 BY_PATH = {column.path: column for column in COLUMNS}
 """The same columns by their path."""

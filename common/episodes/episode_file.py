@@ -169,8 +169,15 @@ class Episode:
         """
         if path not in BY_PATH:
             raise EpisodeError(f"unknown array {path!r}: expected one of {', '.join(BY_PATH)}")
+        column = BY_PATH[path]
+        if column.optional and path not in self._file:
+            return np.full((self.meta.frames, *column.shape), np.nan, column.dtype)[frames]
         with reading(self._path):
             return np.asarray(self._file[path][frames])
+
+    def holds(self, path: str) -> bool:
+        """Return whether the file has a column; one that is optional may lack."""
+        return path in self._file
 
     @property
     def has_pictures(self) -> bool:

@@ -29,6 +29,9 @@ def observation(state: PlantState, controller: ControllerState) -> Frame:
         "observation/joint_sin_cos": np.concatenate((np.sin(q), np.cos(q))),
         "observation/joint_velocity": state.joint_velocity,
         "observation/gripper_closure": state.gripper_closure,
+        "observation/hand_error": np.concatenate(
+            (controller.hand_position_error, controller.hand_rotation_error)
+        ),
     }
 
 

@@ -29,6 +29,7 @@ from common.topics import (
     CAMERA_RIGHT,
     PLANT_STATE,
     PLANT_STATUS,
+    PLANT_TRUTH,
     TASK_SCENE,
     TASK_STATUS,
     TELEOP_GAIT,
@@ -48,6 +49,7 @@ CAMERAS = frozenset({CAMERA_LEFT.name, CAMERA_RIGHT.name})
 _TOPICS = frozenset(topic.name for topic in ALL_TOPICS)
 _OBSERVED = (
     PLANT_STATE,
+    PLANT_TRUTH,
     PLANT_STATUS,
     TASK_SCENE,
     TASK_STATUS,

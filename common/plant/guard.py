@@ -212,6 +212,22 @@ class Guard:
                 self.holds += 1
         return self.mode
 
+    def settled_until_ns(self) -> int | None:
+        """Return the last robot time at which :meth:`tick` gives the present mode [ns]; None: ever.
+
+        Provided that the robot does not fall, and that nothing is offered, stopped, cleared or
+        heard before.
+        """
+        if self.command is None or self._fallen or self.mode in (GuardMode.ESTOP, GuardMode.DAMP):
+            return None
+        limits_ns = [self._heard_ns + self._damp_after_ns]
+        if self.mode is GuardMode.ACTIVE:
+            limits_ns.append(self._heard_ns + self._hold_after_ns)
+            if self._beat_timeout_ns:
+                beat_ns = self._epoch_ns if self._beat_ns is None else self._beat_ns
+                limits_ns.append(beat_ns + self._beat_timeout_ns)
+        return min(limits_ns)
+
     def _forget(self, epoch_ns: int) -> None:
         """Forget the command in force and who sent it."""
         self.command = self._controller = None

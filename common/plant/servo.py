@@ -6,9 +6,11 @@ limit that of one hinge.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from common.native import kernel
 from common.plant.config import TorqueMode
 from common.robot.joints import (
     EFFORT_RATED,
@@ -30,13 +32,10 @@ LIMIT_FADE = 0.02
 JOINT_TO_MOTOR: Array = (MOTOR_TO_JOINT / MOTOR_TO_JOINT.sum(axis=0)).T
 """(25, 27) mean over the joints of a motor, for positions, velocities and torques."""
 
-_POSITION = slice(0, NUM_MOTORS)
-_VELOCITY = slice(NUM_MOTORS, 2 * NUM_MOTORS)
-_TIME = 2 * NUM_MOTORS
-_WIDTH = _TIME + 3
-_DIAGONAL = slice(0, NUM_MOTORS * _WIDTH, _WIDTH + 1)
-_NEXT_DIAGONAL = slice(NUM_MOTORS, NUM_MOTORS * _WIDTH, _WIDTH + 1)
-"""Of a flattened law: what each motor makes of its own position, and of its own velocity."""
+_TO_MOTORS: Array = np.ascontiguousarray(JOINT_TO_MOTOR.T)
+_TERMS = 5
+"""Of a law: what each motor makes of its position, its velocity, 1, h and h²."""
+_servo: Any = kernel("common.plant._servo")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +44,7 @@ class Target:
 
     Attributes:
         stamp_ns: robot time from which the set-point is extrapolated [ns].
-        law: (25, 53) matrix; torque = law · (position, velocity, 1, h, h²), h since the stamp [s].
+        law: (5, 25) factors; torque = law · (position, velocity, 1, h, h²), h since the stamp [s].
     """
 
     stamp_ns: int
@@ -64,8 +63,8 @@ def motor_target(
     """Return the motors' control law for a joint command.
 
     tau = tau_ff + kp (q_cmd - q) + kd (dq_cmd - dq) with q_cmd = q* + dq* h + ddq* h² / 2 and
-    dq_cmd = dq* + ddq* h is linear in (q, dq, 1, h, h²), so that each physics step costs one
-    matrix-vector product.
+    dq_cmd = dq* + ddq* h is linear in (q, dq, 1, h, h²), so that each physics step costs few
+    operations.
 
     Args:
         stamp_ns: robot time at which the set-point is exact [ns].
@@ -76,19 +75,17 @@ def motor_target(
         stiffness: (27,) [N·m/rad].
         damping: (27,) [N·m·s/rad].
     """
-    terms = np.empty((5, NUM_JOINTS))
+    if _servo is not None:
+        law = np.empty((_TERMS, NUM_MOTORS))
+        _servo.law(position, velocity, acceleration, torque, stiffness, damping, _TO_MOTORS, law)
+        return Target(stamp_ns, law)
+    terms = np.empty((_TERMS, NUM_JOINTS))
     np.negative(stiffness, out=terms[0])
     np.negative(damping, out=terms[1])
     terms[2] = torque + stiffness * position + damping * velocity
     terms[3] = stiffness * velocity + damping * acceleration
     terms[4] = 0.5 * stiffness * acceleration
-    motors = terms @ JOINT_TO_MOTOR.T
-    law = np.zeros((NUM_MOTORS, _WIDTH))
-    flat = law.reshape(-1)
-    flat[_DIAGONAL] = motors[0]
-    flat[_NEXT_DIAGONAL] = motors[1]
-    law[:, _TIME:] = motors[2:].T
-    return Target(stamp_ns, law)
+    return Target(stamp_ns, terms @ _TO_MOTORS)
 
 
 def torque_limit(mode: TorqueMode) -> Array:
@@ -100,25 +97,25 @@ class Servo:
     """Applies a :class:`Target` to measured motors, within torque and position limits.
 
     Attributes:
-        limit: (25,) torque limit [N·m].
+        lowest, highest: (50,) limits of torques [N·m], then positions [rad].
         position: (25,) measured motor coordinates [rad], written by the caller before each step.
         velocity: (25,) [rad/s], likewise.
         saturated_steps: calls of :meth:`torque` in which a motor was at its torque limit.
     """
 
     def __init__(self, mode: TorqueMode) -> None:
-        self.limit = torque_limit(mode)
-        # Wanted torques, then the input of a law: torques and positions are side by side, so that
+        limit = torque_limit(mode)
+        # Wanted torques, then the factors of a law: torques and positions are side by side, so that
         # one operation bounds both.
-        values = np.zeros(NUM_MOTORS + _WIDTH)
-        self._wanted, self._input = values[:NUM_MOTORS], values[NUM_MOTORS:]
-        self._input[_TIME] = 1.0
-        self.position = self._input[_POSITION]
-        self.velocity = self._input[_VELOCITY]
+        values = np.zeros((1 + _TERMS) * NUM_MOTORS)
+        self._wanted, self._factors = values[:NUM_MOTORS], values[NUM_MOTORS:].reshape(_TERMS, -1)
+        self._factors[2] = 1.0
+        self._products = np.zeros_like(self._factors)
+        self.position, self.velocity = self._factors[:2]
         self.saturated_steps = 0
         self._free = values[: 2 * NUM_MOTORS]
-        self._lowest = np.concatenate((-self.limit, JOINT_TO_MOTOR @ POSITION_LOWER))
-        self._highest = np.concatenate((self.limit, JOINT_TO_MOTOR @ POSITION_UPPER))
+        self.lowest = np.concatenate((-limit, JOINT_TO_MOTOR @ POSITION_LOWER))
+        self.highest = np.concatenate((limit, JOINT_TO_MOTOR @ POSITION_UPPER))
         self._bounded = np.zeros(2 * NUM_MOTORS)
         self._torque, self._inside = self._bounded[:NUM_MOTORS], self._bounded[NUM_MOTORS:]
 
@@ -131,11 +128,14 @@ class Servo:
             out: (25,) torques [N·m].
         """
         h = min(max(now_ns - target.stamp_ns, 0), EXTRAPOLATION_LIMIT_NS) * 1e-9
-        self._input[_TIME + 1] = h
-        self._input[_TIME + 2] = h * h
-        target.law.dot(self._input, out=self._wanted)
-        np.maximum(self._free, self._lowest, out=self._bounded)
-        np.minimum(self._bounded, self._highest, out=self._bounded)
+        self._factors[3] = h
+        self._factors[4] = h * h
+        # Not a matrix product, whose last bits differ between libraries: compiled code has to get
+        # the same ones.
+        np.multiply(target.law, self._factors, out=self._products)
+        np.add.reduce(self._products, axis=0, out=self._wanted)
+        np.maximum(self._free, self.lowest, out=self._bounded)
+        np.minimum(self._bounded, self.highest, out=self._bounded)
         out[:] = self._torque
         # Comparing bytes is several times cheaper than an element-wise test, 1000 times a second.
         if self._bounded.tobytes() != self._free.tobytes():

@@ -37,6 +37,7 @@ from common.schemas.plant import (
     PlantState,
     PlantStatus,
 )
+from common.schemas.policy import PolicyMode, PolicyState
 from common.schemas.task import (
     SceneJoint,
     ScenePose,
@@ -81,6 +82,8 @@ __all__ = [
     "PlantRequest",
     "PlantState",
     "PlantStatus",
+    "PolicyMode",
+    "PolicyState",
     "SceneJoint",
     "ScenePose",
     "SceneState",

@@ -7,17 +7,22 @@ comparison shows that everything around the holes has been checked before, and o
 holes is checked again. That takes half the time of reading the message as if nothing were known.
 """
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import msgpack
+import numpy as np
 from pydantic import ValidationError
 
 from common.errors import SchemaError
+from common.native import kernel
 from common.schemas import Header, Message
-from common.wire.arrays import ArrayLayout, checked_views, getter
+from common.schemas.arrays import UNIT_TOLERANCE
+from common.wire.arrays import FLOAT64, ArrayLayout, checked_views, getter
 from common.wire.builder import assembler, fields_validator
 
 _PLAIN = (bool, int, float, str)
@@ -28,6 +33,10 @@ _END = 2**63
 """Counts are below it."""
 
 _assemble_header = assembler(Header)
+_template: Any = kernel("common.wire._template")
+
+Reader = Callable[[bytes, int], Message | None]
+"""Returns the message in a payload as :meth:`Template.read` does."""
 
 
 @dataclass(frozen=True)
@@ -35,12 +44,14 @@ class Template:
     """A good message, to read others by.
 
     Attributes:
+        schema: type of the message.
         unpack: takes it apart into bytes around the holes and, in between, what is in these.
         around: the bytes around the holes.
+        holes: layout of each, for :mod:`struct`, and the field that it belongs to.
         counts: fields of the header that have a hole; theirs come first.
-        numbers: other fields with a hole that are numbers.
-        numbers_of: returns what is in their holes.
-        check_numbers: validates them; None if there are none.
+        floats: other fields with a hole that are numbers.
+        floats_of: returns what is in their holes.
+        check_floats: validates them; None if there are none.
         header: values of all its fields.
         values: of all fields of the message, in the order of the schema.
         arrays: its array fields.
@@ -48,12 +59,14 @@ class Template:
         assemble: makes a message from checked values.
     """
 
+    schema: type[Message]
     unpack: Callable[[bytes], tuple[Any, ...]]
     around: tuple[bytes, ...]
+    holes: tuple[tuple[str, str], ...]
     counts: tuple[str, ...]
-    numbers: tuple[str, ...]
-    numbers_of: Callable[[Any], tuple[float, ...]]
-    check_numbers: Callable[[dict[str, Any]], dict[str, Any]] | None
+    floats: tuple[str, ...]
+    floats_of: Callable[[Any], tuple[float, ...]]
+    check_floats: Callable[[dict[str, Any]], dict[str, Any]] | None
     header: dict[str, Any]
     values: dict[str, Any]
     arrays: ArrayLayout
@@ -81,9 +94,9 @@ class Template:
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            if self.check_numbers is not None:
-                numbers = dict(zip(self.numbers, self.numbers_of(holes), strict=True))
-                values.update(self.check_numbers(numbers))
+            if self.check_floats is not None:
+                floats = dict(zip(self.floats, self.floats_of(holes), strict=True))
+                values.update(self.check_floats(floats))
             views = checked_views(b"".join(self.pieces_of(holes)), self.arrays)
         except (SchemaError, ValidationError):
             return None
@@ -91,9 +104,30 @@ class Template:
             values[name] = view
         return self.assemble(values)
 
-    def moves(self, name: str, value: object) -> bool:
-        """Whether a field of another message is unlike this one's, or was of one before."""
-        return name in self.numbers or self.values[name] != value
+    def reader(self) -> Reader:
+        """Return :meth:`read`, as compiled code if there is any."""
+        if _template is None:
+            return self.read
+        arrays, places, stop = [], {}, 0
+        for name, spec in self.arrays.specs.items():
+            start, stop = stop, stop + math.prod(spec.shape)
+            shape = None if len(spec.shape) == 1 else spec.shape
+            arrays.append((name, slice(start, stop), shape, stop - start, spec.unit))
+            places[name] = 8 * start
+        holes = [(hole[-1], struct.calcsize(f">{hole}"), name) for hole, name in self.holes]
+        prepared = _template.prepare(
+            self.around,
+            tuple((kind, size, places.get(name, 0), name) for kind, size, name in holes),
+            tuple(arrays),
+            (Header, set(Header.model_fields), self.header),
+            (self.schema, set(self.schema.model_fields), self.values),
+            self.check_floats,
+            ValidationError,
+            np.frombuffer,
+            FLOAT64,
+            UNIT_TOLERANCE,
+        )
+        return partial(_template.read, prepared)
 
 
 class _Outline:
@@ -103,16 +137,20 @@ class _Outline:
         self.layout = ">"
         """Of what was collected, for :mod:`struct`."""
         self.around: list[bytes] = []
+        self.holes: list[tuple[str, str]] = []
+        """Layout and field of each."""
         self._run = b""
 
     def add(self, data: bytes) -> None:
         """Add bytes that stay the same."""
         self._run += data
 
-    def end_run(self, hole: str = "") -> None:
-        """Add a hole of a layout, or nothing at the end of the message."""
+    def end_run(self, hole: str = "", name: str = "") -> None:
+        """Add the hole of a field, with this layout; or nothing, at the end of the message."""
         self.layout += f"{len(self._run)}s{hole}"
         self.around.append(self._run)
+        if hole:
+            self.holes.append((hole, name))
         self._run = b""
 
 
@@ -125,28 +163,15 @@ def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple
         outline.add(packer.pack(name))
         if isinstance(value, int) and packed[0] in _COUNTS:
             outline.add(packed[:1])
-            outline.end_run(_COUNTS[packed[0]])
+            outline.end_run(_COUNTS[packed[0]], name)
             counts.append(name)
         else:
             outline.add(packed)
     return tuple(counts)
 
 
-def _hole_of(value: object, packed: bytes, *, moves: bool) -> str:
-    """Return the layout of a number's hole; empty for what must be the same in all messages."""
-    if isinstance(value, float):
-        return "d"
-    # The members of an enumeration are integers too, but have to be looked up.
-    return _COUNTS.get(packed[0], "") if moves and type(value) is int else ""
-
-
-def template_of(
-    payload: bytes, message: Message, arrays: ArrayLayout, before: Template | None = None
-) -> Template | None:
+def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
-
-    Integers outside the header have a hole if they differ from those of the template ``before``;
-    most of them never change, and what is in a hole has to be checked each time.
 
     Returns:
         None if it has parts that can be changed, or if the bytes are not exactly what
@@ -163,31 +188,28 @@ def template_of(
     counts = _add_header(outline, header, packer)
     places: dict[str, int] = {}
     for name, value in values.items():
-        is_array = name in arrays.specs
+        is_array, is_float = name in arrays.specs, isinstance(value, float)
         packed = packer.pack(value.tobytes() if is_array else value)
-        if is_array:
-            hole = f"{value.nbytes}s"
-        else:
-            moves = before is not None and before.moves(name, value)
-            hole = _hole_of(value, packed, moves=moves)
-        size = struct.calcsize(f">{hole}")
+        size = value.nbytes if is_array else 8 if is_float else 0
         outline.add(packer.pack(name) + packed[: len(packed) - size])
-        if hole:
+        if size:
             places[name] = len(outline.around)
-            outline.end_run(hole)
+            outline.end_run("d" if is_float else f"{size}s", name)
     outline.end_run()
-    numbers = tuple(name for name in places if name not in arrays.specs)
+    floats = tuple(name for name in places if name not in arrays.specs)
     form = struct.Struct(outline.layout)
     around = tuple(outline.around)
     if form.size != len(payload) or form.unpack(payload)[::2] != around:
         return None
     return Template(
+        schema=type(message),
         unpack=form.unpack,
         around=around,
+        holes=tuple(outline.holes),
         counts=counts,
-        numbers=numbers,
-        numbers_of=getter([places[name] for name in numbers]),
-        check_numbers=fields_validator(type(message), numbers) if numbers else None,
+        floats=floats,
+        floats_of=getter([places[name] for name in floats]),
+        check_floats=fields_validator(type(message), floats) if floats else None,
         header=header,
         values=dict(message.__dict__),
         arrays=arrays,

@@ -14,6 +14,7 @@ from common.transport.config import BusConfig
 from docs.reference.fields import Model, details_of, nested_models, summary_of, table
 from services.logger.record.config import LoggerConfig
 from services.policy.kinds import CONFIGS
+from services.policy.serving.config import PolicyConfig
 from services.sim.config import SimConfig
 from services.sim.rendering.cameras import CameraConfig
 from services.teleop.keyboard.console import KeyboardConfig
@@ -72,6 +73,7 @@ TABLES: tuple[Table, ...] = (
         "`python -m services.teleop synthetic` as `SyntheticConfig`.",
     ),
     Table("keyboard", "the keyboard operator", (KeyboardConfig,)),
+    Table("policy", "the policy that operates the robot", (PolicyConfig,)),
     Table("logger", "the recorder", (LoggerConfig,)),
 )
 """Every table of the configuration file."""

@@ -5,6 +5,7 @@ import re
 import types
 from collections.abc import Iterable, Iterator
 from enum import Enum
+from pathlib import Path
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Len, Lt, MaxLen
@@ -21,6 +22,7 @@ _SCALARS: dict[object, str] = {
     float: "number",
     str: "string",
     bytes: "bytes",
+    Path: "path",
     Any: "anything",
 }
 _INLINE_FIELDS = 3

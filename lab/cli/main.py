@@ -2,7 +2,10 @@
 
 import argparse
 from collections.abc import Sequence
+from importlib.metadata import version
+from platform import python_version
 
+from common import native
 from common.program import run_program
 from lab.cli.commands import Command, add_commands, run_chosen
 
@@ -27,12 +30,24 @@ COMMANDS = (
     Command("tasks", "describe the scored tasks", "lab.cli.tasks:ACTION"),
     Command("collect", "collect demonstrations of a task", "lab.cli.collect:ACTION"),
     Command("dataset", "export demonstrations to lerobot or robomimic", "lab.cli.dataset:ACTION"),
+    Command("eval", "evaluate a policy in a scored task", "lab.cli.eval:ACTION"),
     Command("study", "study the effect of latency on an operator", "lab.cli.study:ACTION"),
     Command("report", "sum up a recorded run again", "lab.cli.report:ACTION"),
     Command("replay", "run a log's services again, or publish the log", "lab.cli.replay:ACTION"),
     Command("export", "convert a log for viewers", "lab.cli.export:EXPORT_ACTION"),
     Command("view", "open a log in Rerun", "lab.cli.export:VIEW_ACTION"),
 )
+
+
+class _Version(argparse.Action):
+    """Prints versions only when asked: loading the kernels takes a moment."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        print(f"trill {version('trill')}, Python {python_version()}, {native.summary()}")
+        parser.exit()
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -46,5 +61,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         description="Teleoperate, record and watch a humanoid made of independent services.",
         epilog=EPILOG,
     )
+    parser.add_argument("--version", action=_Version, help="print versions, and exit")
     add_commands(parser, COMMANDS, "command", "command")
     return run_program("trill", lambda: run_chosen(parser.parse_args(argv), "command"))

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict
 from lab.errors import LabError
 
 ROOT = Path(__file__).resolve().parents[2]
-_WALKED = ("services.sim.tasks",)
+_WALKED = ("services.sim.tasks.*",)
 """Packages whose modules are found by walking, not by an import statement."""
 _DATA = {".xml", ".json", ".toml", ".npy", ".npz", ".stl", ".obj", ".png"}
 _TIMEOUT = 10.0
@@ -33,6 +33,11 @@ def _file(module: str) -> Path | None:
     base = ROOT.joinpath(*module.split("."))
     candidates = (base.with_suffix(".py"), base / "__init__.py")
     return next((path for path in candidates if path.is_file()), None)
+
+
+def _modules(package: str) -> list[str]:
+    files = ROOT.joinpath(*package.split(".")).rglob("*.py")
+    return [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in files]
 
 
 def _imported(path: Path) -> set[str]:
@@ -58,13 +63,14 @@ def _statements(tree: ast.AST) -> Iterator[ast.AST]:
 
 
 def closure(*roots: str) -> dict[str, Path]:
-    """Return the modules of this project that ``roots`` import, however indirectly, by name."""
-    todo = list(roots)
-    for package in _WALKED:
-        folder = ROOT.joinpath(*package.split("."))
-        todo += [
-            ".".join(path.relative_to(ROOT).with_suffix("").parts) for path in folder.rglob("*.py")
-        ]
+    """Return the modules of this project that ``roots`` import, however indirectly, by name.
+
+    A root ``package.*`` stands for all modules of the package.
+    """
+    todo: list[str] = []
+    for root in (*roots, *_WALKED):
+        package, star, _ = root.partition(".*")
+        todo += _modules(package) if star else [root]
     found: dict[str, Path] = {}
     while todo:
         module = todo.pop().removesuffix(".__init__")
@@ -79,13 +85,13 @@ def closure(*roots: str) -> dict[str, Path]:
 
 
 @cache
-def digest(root: str) -> str:
+def digest(*roots: str) -> str:
     """Return the SHA-256 of the files of :func:`closure` and the data beside them.
 
     It is the same everywhere: neither line ends nor the place of the project count, nor any of
     its other modules.
     """
-    modules = set(closure(root).values())
+    modules = set(closure(*roots).values())
     data = {
         path
         for folder in {module.parent for module in modules}
@@ -150,11 +156,11 @@ class CodeVersion(BaseModel):
 
 
 @cache
-def code_version(module: str, packages: tuple[str, ...] = PHYSICS) -> CodeVersion:
-    """Return the version of the code that ``module`` imports, and of ``packages`` and Python."""
+def code_version(*modules: str, packages: tuple[str, ...] = PHYSICS) -> CodeVersion:
+    """Return the version of the code that ``modules`` import, and of ``packages`` and Python."""
     versions = {"python": platform.python_version()} | package_versions(packages)
     return CodeVersion(
-        source=digest(module), versions=versions, machine=machine(), revision=revision()
+        source=digest(*modules), versions=versions, machine=machine(), revision=revision()
     )
 
 

@@ -1,9 +1,9 @@
 """Keeps results of trials in files of JSON lines, which survive a kill at any moment."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Final, Generic, Literal, TypeVar
+from typing import Final, Generic, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -11,13 +11,20 @@ from common.errors import explain
 from common.files import append_line
 from lab.errors import LabError
 from lab.trials.campaign import Executor, run_campaign
-from lab.trials.provenance import CodeVersion, code_version
+from lab.trials.operators.kinds import operator_code
+from lab.trials.operators.specs import OperatorSpec
+from lab.trials.provenance import CodeVersion
 from lab.trials.spec import TrialResult, TrialSpec
 
 M = TypeVar("M", bound=BaseModel)
 
 _CODE: Final = "lab.trials.stack"
-"""This module imports all code that decides what a trial comes to."""
+"""This module imports all code that decides what a trial comes to, but for the operator's."""
+
+
+def trial_code(operator: OperatorSpec) -> CodeVersion:
+    """Return the version of the code that decides what trials of an operator come to."""
+    return operator_code(operator, _CODE)
 
 
 class JsonLines(Generic[M]):
@@ -76,14 +83,33 @@ class JsonLines(Generic[M]):
 
 
 class TrialRecord(BaseModel):
-    """One line of a campaign's file: a trial, its result, and everything it depends on."""
+    """One line of a campaign's file: a trial, its result, and everything it depends on.
+
+    Attributes:
+        operator: kind of the operator, first in the line, for people.
+        code: version of the code that ran the trial.
+        spec: the trial.
+        result: its result.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    operator: Literal["synthetic"] = "synthetic"
+    operator: str
     code: CodeVersion
     spec: TrialSpec
     result: TrialResult
+
+
+def read_records(path: Path) -> list[TrialRecord]:
+    """Return the records of a campaign's file, by whatever code; of the same trial the last one.
+
+    Raises:
+        LabError: it cannot be read, or is no such file.
+    """
+    if not path.is_file():
+        raise LabError(f"cannot read {path}: there is no such file")
+    records = {record.spec.key: record for record in JsonLines(path, TrialRecord).read()}
+    return list(records.values())
 
 
 class TrialFile:
@@ -101,7 +127,6 @@ class TrialFile:
             LabError: the file cannot be used, or is no such file; it is left as it is.
         """
         self.path = path
-        self.code = code_version(_CODE)
         self._lines = None if path is None else JsonLines(path, TrialRecord)
         self._results: dict[str, TrialResult] = {}
         self.other_code = 0
@@ -112,7 +137,7 @@ class TrialFile:
         except OSError as error:
             raise LabError(f"cannot use {path}: {error.strerror}") from error
         for record in self._lines.read():
-            if record.code.differences(self.code):
+            if record.code.differences(trial_code(record.spec.operator)):
                 self.other_code += 1
             else:
                 self._results[record.spec.key] = record.result
@@ -129,21 +154,33 @@ class TrialFile:
         """
         self._results[spec.key] = result
         if self._lines is not None:
-            self._lines.append(TrialRecord(code=self.code, spec=spec, result=result))
+            operator = spec.operator
+            self._lines.append(
+                TrialRecord(
+                    operator=operator.kind, code=trial_code(operator), spec=spec, result=result
+                )
+            )
 
 
-def run_trial(code: CodeVersion, spec: TrialSpec) -> TrialResult:
+def run_trial(codes: Mapping[str, CodeVersion], spec: TrialSpec) -> TrialResult:
     """Run one trial in a worker.
+
+    Args:
+        codes: version of the campaign's code, by kind of operator.
+        spec: the trial.
 
     Raises:
         StoppedError: the worker is to end meanwhile.
-        LabError: this process runs other code than ``code``.
+        LabError: this process runs other code than the campaign.
     """
-    code.check(code_version(_CODE))
+    codes[spec.operator.kind].check(trial_code(spec.operator))
     # Robot, controller and operator take long to import, and the workers alone need them.
     from lab.trials.stack import TaskStack
+    from lab.trials.stillness import Stillness
 
-    return TaskStack(spec).run()
+    stack = TaskStack(spec)
+    stillness = Stillness(stack)
+    return stack.run().model_copy(update={"still": stillness.seconds})
 
 
 def run_trials(
@@ -151,7 +188,7 @@ def run_trials(
     file: TrialFile,
     open_executor: Callable[[], Executor],
     *,
-    on_result: Callable[[TrialResult], None] = lambda _result: None,
+    on_result: Callable[[TrialSpec, TrialResult], None] = lambda _spec, _result: None,
     on_message: Callable[[str], None] = lambda _text: None,
 ) -> list[TrialResult]:
     """Run every trial that ``file`` lacks; returns all results in the order of ``specs``.
@@ -160,7 +197,7 @@ def run_trials(
         specs: the trials.
         file: keeps the results.
         open_executor: makes the workers; called only if a trial is to be run.
-        on_result: called with each new result.
+        on_result: called with each new trial and its result.
         on_message: called with what the user should know of the workers.
 
     Raises:
@@ -169,13 +206,13 @@ def run_trials(
 
     def keep(spec: TrialSpec, result: TrialResult) -> None:
         file.add(spec, result)
-        on_result(result)
+        on_result(spec, result)
 
     missing = [spec for spec in specs if file.result(spec) is None]
     if missing:
         run_campaign(
             missing,
-            partial(run_trial, file.code),
+            partial(run_trial, {s.operator.kind: trial_code(s.operator) for s in missing}),
             open_executor(),
             on_result=keep,
             on_message=on_message,

@@ -4,13 +4,23 @@ from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from common.errors import ConfigError, explain
 from common.links.config import Links
-from services.teleop.synthetic.traits import OperatorTraits
+from lab.trials.operators.specs import NOT_DECIDING, OperatorSpec, SyntheticSpec
 
 M = TypeVar("M", bound=BaseModel)
+
+FALL = "the robot fell"
+"""Reason of the judge when the robot has fallen."""
 
 
 def _check_links(links: Mapping[str, str]) -> dict[str, str]:
@@ -26,10 +36,10 @@ LinkTable = Annotated[Mapping[str, str], AfterValidator(_check_links)]
 
 
 class TrialSettings(BaseModel):
-    """Settings of robot and synthetic operator that all trials of a campaign share.
+    """Settings of robot and operator that all trials of a campaign share.
 
     Attributes:
-        traits: parameters of the synthetic operator.
+        operator: who operates the robot.
         torque_mode: torque limits of plant and controller.
         pace: pace of the gaits, as in :func:`services.wbc.config.wbc_config`; empty: the torque
             mode's own.
@@ -39,10 +49,19 @@ class TrialSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
-    traits: OperatorTraits = OperatorTraits()
+    operator: OperatorSpec = SyntheticSpec()
     torque_mode: Literal["relaxed", "rated"] = "relaxed"
     pace: Literal["", "fast", "normal", "slow", "public"] = ""
     physics_steps: int = Field(default=1, ge=1, le=10)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_one_operator(cls, values: Any) -> Any:
+        """Read settings from when the synthetic operator was the only one."""
+        if not isinstance(values, Mapping) or "traits" not in values:
+            return values
+        others = {name: value for name, value in values.items() if name != "traits"}
+        return {"operator": {"kind": "synthetic", "traits": values["traits"]}} | others
 
 
 class TrialSpec(TrialSettings):
@@ -65,8 +84,8 @@ class TrialSpec(TrialSettings):
 
     @property
     def key(self) -> str:
-        """The same text for equal specifications."""
-        return self.model_dump_json()
+        """The same text for trials that go the same."""
+        return self.model_dump_json(exclude={"operator": dict(NOT_DECIDING)})
 
 
 class TrialResult(BaseModel):
@@ -84,6 +103,8 @@ class TrialResult(BaseModel):
         simulated: robot time that was run in all [s].
         wall: wall-clock time that this took [s].
         links: delays under which the trial ran.
+        still: time until the verdict in which neither a set-point moved nor the robot walked [s];
+            None: not measured.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -99,6 +120,12 @@ class TrialResult(BaseModel):
     simulated: float = 0.0
     wall: float = 0.0
     links: Mapping[str, str] = Field(default_factory=dict)
+    still: float | None = None
+
+    @property
+    def fell(self) -> bool:
+        """Whether the robot fell before the verdict."""
+        return self.reason == FALL
 
 
 def format_spread(times: Sequence[float]) -> str:

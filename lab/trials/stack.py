@@ -1,24 +1,42 @@
-"""Hosts plant, controller and synthetic operator with one task in simulated time."""
+"""Hosts plant, controller and an operator with one task in simulated time."""
 
+from collections.abc import Sequence
 from time import perf_counter
 
+import numpy as np
+
 from common.errors import TrillError
-from common.plant.config import TorqueMode
+from common.plant.config import PHYSICS_STEP_NS, TorqueMode
+from common.ports import Role, with_role
+from common.runtime.service import Service
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import TaskStatus, TaskVerdict
 from common.topics import TASK_STATUS
 from lab.errors import StoppedError
 from lab.trials.links import links_used
+from lab.trials.operators.kinds import build_operator
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.workers import Stop, stop_request
 from services.sim.config import SimConfig
 from services.sim.service import PlantService
-from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
 
+SENSORS = with_role(Role.SENSOR)
+_CAMERA_STREAM = 0xCA3E
+"""Separates the random numbers of the cameras' first tick from those of the trial."""
 SECONDS_AFTER_VERDICT = 0.5
 """A trial runs on for so long after its verdict [s]."""
+
+
+def camera_offset_ns(seed: int, period_ns: int) -> int:
+    """Return when the cameras of a trial take their first picture, within a period [ns].
+
+    Nothing synchronises them with plant and operator: each trial draws its own, in whole physics
+    steps.
+    """
+    steps = np.random.default_rng((seed, _CAMERA_STREAM)).integers(period_ns // PHYSICS_STEP_NS)
+    return int(steps) * PHYSICS_STEP_NS
 
 
 class TaskStack:
@@ -28,16 +46,28 @@ class TaskStack:
         spec: the trial.
         plant: the plant's service.
         wbc: the controller's service.
-        operator: the synthetic operator's service.
+        operator: tells what the operator is doing.
         links: the delays under which the trial runs.
         runner: hosts the services.
         status: the task's last status; None before the first.
     """
 
     def __init__(
-        self, spec: TrialSpec, *, record: bool = False, journal: bool | None = None
+        self,
+        spec: TrialSpec,
+        *,
+        beside: Sequence[Service] = (),
+        record: bool = False,
+        journal: bool | None = None,
     ) -> None:
-        """Build the services; ``record`` and ``journal`` are options of the runner."""
+        """Build the services.
+
+        Args:
+            spec: the trial.
+            beside: services to run beside them, before the operator at equal times.
+            record: option of the runner.
+            journal: option of the runner.
+        """
         self.spec = spec
         self.plant = PlantService(
             SimConfig(
@@ -49,14 +79,18 @@ class TaskStack:
         )
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}
         self.wbc = WbcService(wbc_config(spec.torque_mode, spec.pace, **overrides))
-        self.operator = SyntheticOperator(
-            SyntheticConfig(task=spec.task, seed=spec.seed, traits=spec.traits, stay=True)
-        )
+        self.operator, services = build_operator(spec)
+        around = (*beside, *services)
         self.links = links_used(spec.task, spec.links)
         self.runner = SimTimeRunner(
-            [self.plant, self.wbc, self.operator],
+            [self.plant, self.wbc, *around],
             seed=spec.seed,
             links=self.links,
+            offsets_ns={
+                service.name: camera_offset_ns(spec.seed, service.period_ns)
+                for service in around
+                if service.name in SENSORS
+            },
             record=record,
             journal=journal,
         )

@@ -282,7 +282,9 @@ class WbcConfig(_Config):
     """Configuration of the controller."""
 
     rate: float = Field(default=100.0, ge=20.0, le=1000.0, description="[Hz]")
-    solver: Literal["osqp", "daqp", "quadprog"] = Field(default="osqp", description="of the QP")
+    solver: Literal["osqp", "daqp", "quadprog"] = Field(
+        default="osqp", description="of the QP, where the compiled dual method is not built"
+    )
     tasks: TaskConfig = TaskConfig()
     contact: ContactConfig = ContactConfig()
     limits: LimitConfig = LimitConfig()

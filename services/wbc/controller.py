@@ -11,9 +11,9 @@ from common.robot import joints
 from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.active_set import ActiveSet
 from services.wbc.config import WbcConfig
 from services.wbc.dcm import GRAVITY, natural_frequency
+from services.wbc.dual_method import controller_solver
 from services.wbc.handover import HandOver, Target
 from services.wbc.hands import HandReference
 from services.wbc.locomotion import Locomotion
@@ -29,7 +29,7 @@ from services.wbc.robot_model import (
     RobotModel,
     RobotState,
 )
-from services.wbc.solvers import Solution, Solver, make_solver
+from services.wbc.solvers import Solution, Solver
 from services.wbc.tasks import POSTURE, TaskStack
 
 TORQUE_SHARE = joints.MOTOR_TO_JOINT / joints.MOTOR_TO_JOINT.sum(axis=0)
@@ -91,7 +91,7 @@ class Controller:
         self.config = config
         self.model = RobotModel()
         self.builder = QpBuilder(config)
-        self.solver: Solver = ActiveSet(make_solver(config.solver))
+        self.solver: Solver = controller_solver(config.solver)
         self.stack = TaskStack(config.tasks)
         self.unsolved = 0
         self._hand_shares = np.repeat([1.0, config.tasks.hand_rotation_share], 3)

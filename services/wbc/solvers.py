@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-import osqp
-from scipy import sparse
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import SolverUnavailableError
@@ -103,6 +101,14 @@ class OsqpSolver:
     def __init__(
         self, tolerance: float = 5e-6, max_iterations: int = 150, fallback: "Solver | None" = None
     ) -> None:
+        try:
+            import osqp
+            from scipy import sparse
+        except ImportError as error:
+            raise SolverUnavailableError(
+                "solver 'osqp' is not installed; pip install osqp scipy, or choose solver daqp"
+            ) from error
+        self._osqp, self._csc_matrix = osqp, sparse.csc_matrix
         self._tolerance = tolerance
         self._max_iterations = max_iterations
         self._fallback = fallback
@@ -125,9 +131,9 @@ class OsqpSolver:
         self._scale = scale
         self._P_scale = scale[P_rows] * scale[P_columns]
         self._A_scale = scale[A_columns]
-        P = _csc(P_mask, self._P_scale * data.P.take(self._P_places))
-        A = _csc(A_mask, self._A_scale * data.A.take(self._A_places))
-        self._solver = osqp.OSQP()
+        P = self._csc(P_mask, self._P_scale * data.P.take(self._P_places))
+        A = self._csc(A_mask, self._A_scale * data.A.take(self._A_places))
+        self._solver = self._osqp.OSQP()
         self._solver.setup(
             P,
             scale * data.q,
@@ -146,6 +152,11 @@ class OsqpSolver:
             adaptive_rho=True,
             adaptive_rho_interval=100,
         )
+
+    def _csc(self, mask: Array, values: Array) -> Any:
+        rows, _ = _csc_index(mask)
+        pointers = np.concatenate(([0], np.cumsum(mask.astype(bool).sum(axis=0))))
+        return self._csc_matrix((values, rows, pointers), shape=mask.shape)
 
     def solve(self, data: QpData) -> Solution:
         """Solve from the last solution with updated values."""
@@ -194,12 +205,6 @@ def _csc_index(mask: Array) -> tuple[Any, Any]:
     """Return the row and column indices of a mask's nonzeros in column-major (CSC) order."""
     columns, rows = np.nonzero(mask.T)
     return rows, columns
-
-
-def _csc(mask: Array, values: Array) -> Any:
-    rows, _ = _csc_index(mask)
-    pointers = np.concatenate(([0], np.cumsum(mask.astype(bool).sum(axis=0))))
-    return sparse.csc_matrix((values, rows, pointers), shape=mask.shape)
 
 
 _EQUALITY, _SOFT = 5, 8
@@ -288,13 +293,13 @@ def make_solver(name: str) -> Solver:
     if name not in _SOLVERS:
         raise SolverUnavailableError(f"unknown solver {name!r}, expected one of {list(_SOLVERS)}")
     if name == OsqpSolver.name:
-        return OsqpSolver(fallback=_exact_solver())
+        return OsqpSolver(fallback=exact_solver())
     solver: Solver = _SOLVERS[name]()
     return solver
 
 
-def _exact_solver() -> Solver | None:
-    """Return the solver for QPs on which OSQP runs out of iterations; None if not installed."""
+def exact_solver() -> Solver | None:
+    """Return the solver for QPs that another does not finish; None if it is not installed."""
     try:
         return DaqpSolver()
     except SolverUnavailableError:

@@ -40,6 +40,7 @@ from lab.logs.mark import mark
 from lab.monitor.monitor import monitored
 from services.logger.record.config import LoggerConfig
 from services.logger.record.service import RecordingOptions, record
+from services.policy.service import PolicyOperator
 from services.sim.rendering.cameras import CameraService
 from services.sim.service import PlantService
 from services.teleop.keyboard.service import KeyboardOperator
@@ -241,6 +242,7 @@ SERVICE_CLASSES: tuple[type[Service], ...] = (
     ScriptedOperator,
     SyntheticOperator,
     KeyboardOperator,
+    PolicyOperator,
 )
 FROM_TOOLS = {(topic.name, Role.TOOL) for topic in (EPISODE, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)}
 """`trill mark`, `trill reset`, `trill stop`, `trill resume`, and `trill up` for a new operator."""
@@ -262,8 +264,6 @@ def test_the_table_names_those_who_read_a_topic_and_no_other() -> None:
     known = {(HEARTBEAT.name, role) for role in RUN_LIVE}
     for service in SERVICE_CLASSES:
         known |= {(topic.name, role_of(service)) for topic in service.reads}
-    # The right eye is for operators that see with both: headsets and policies.
-    known.add(("camera/right", Role.OPERATOR))
     assert {(topic.name, role) for topic in ALL_TOPICS for role in topic.readers} == known
     assert not any(role in topic.readers for topic in ALL_TOPICS for role in LISTENERS)
 

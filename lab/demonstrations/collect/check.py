@@ -13,7 +13,7 @@ from common.episodes.episode_file import PERIOD_NS, Episode, open_episode
 from common.episodes.errors import EpisodeError
 from common.episodes.folder import IndexLine
 from common.errors import TrillError
-from lab.demonstrations.collect.config import EpisodeConfig
+from lab.demonstrations.collect.config import EpisodeConfig, origin_of
 from lab.demonstrations.collect.episode import make_episode
 from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.provenance import CodeVersion
@@ -41,7 +41,7 @@ def check(store: DatasetStore, on_file: Callable[[], None] = lambda: None) -> li
             line = store.read(path)
             lines[name] = line
             problems = [*_check_verdict(line, config), *(_check_episode(path) if line.kept else ())]
-            if line.meta.origin != config.origin():
+            if origin_of(line.meta) != config.origin():
                 problems.append("made with other settings than those in dataset.json")
         except TrillError as error:
             problems = [str(error)]
@@ -84,6 +84,8 @@ def _check_episode(path: Path) -> Iterator[str]:
     with open_episode(path) as episode:
         arrays = {}
         for column in COLUMNS:
+            if column.optional and not episode.holds(column.path):
+                continue
             problem, values = _read_array(episode, column)
             if problem:
                 yield problem

@@ -116,7 +116,7 @@ def collect(
         EpisodeError: the store cannot be used.
         ConfigError: the store was begun with other settings or another seed, or by other code.
     """
-    code = code or collecting_code()
+    code = code or collecting_code(config.operator)
     check_room(store.root, needed(config, (), 0 if store.files() else wanted))
     with store.writing(config, code, accept_changes, first_seed, wanted) as begin:
         lines = store.scan()
@@ -173,7 +173,7 @@ def collect(
 
 def _make(config: EpisodeConfig, code: CodeVersion, key: SeedKey) -> "EpisodeResult":
     """Make an episode in a worker, by the same code as the campaign's."""
-    code.check(collecting_code())
+    code.check(collecting_code(config.operator))
     # Robot, controller and operator take long to import, and the workers alone need them.
     from lab.demonstrations.collect.episode import make_episode
 

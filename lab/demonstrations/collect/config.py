@@ -6,8 +6,11 @@ from typing import Any, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from common.episodes.episode_file import EpisodeMeta
+from common.errors import TrillError
 from lab.trials.links import links_used
-from lab.trials.provenance import PHYSICS, CodeVersion, code_version
+from lab.trials.operators.kinds import operator_code
+from lab.trials.operators.specs import OperatorSpec
+from lab.trials.provenance import PHYSICS, CodeVersion
 from lab.trials.spec import LinkTable, TrialSettings, TrialSpec, validated
 from services.sim.rendering.cameras import CameraConfig
 from services.sim.tasks import find_task
@@ -86,6 +89,14 @@ class EpisodeConfig(TrialSettings):
         return TrialSpec(seed=seed, **{name: getattr(self, name) for name in names})
 
 
-def collecting_code() -> CodeVersion:
+def origin_of(meta: EpisodeMeta) -> dict[str, Any]:
+    """Return the origin of an episode as this version writes it; another's as it is."""
+    try:
+        return EpisodeConfig.of(meta).origin()
+    except TrillError:
+        return meta.origin
+
+
+def collecting_code(operator: OperatorSpec) -> CodeVersion:
     """Return the version of the code that decides an episode's bytes."""
-    return code_version("lab.demonstrations.collect.episode", PACKAGES)
+    return operator_code(operator, "lab.demonstrations.collect.episode", packages=PACKAGES)

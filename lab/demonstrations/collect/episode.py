@@ -1,20 +1,17 @@
 """Makes one episode: runs the trial, then renders its pictures if it is to be kept."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 from time import perf_counter
 
-from common.episodes.columns import CAMERAS
 from common.episodes.episode_file import PERIOD_NS, EpisodeMeta, to_bytes
 from common.plant.config import PHYSICS_STEP_NS
-from common.schemas import PlantState, SceneState
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig, collecting_code
+from lab.demonstrations.collect.pictures import MomentNotes, PictureInput, render
 from lab.demonstrations.collect.recorder import EpisodeRecorder
-from lab.errors import StoppedError
 from lab.trials.spec import TrialResult
 from lab.trials.stack import TaskStack
 from lab.trials.workers import Stop, stop_request
-from services.sim.rendering.cameras import CameraConfig, StereoRenderer, encode
+from services.sim.rendering.cameras import CameraService
 from services.sim.tasks import find_task
 
 
@@ -53,26 +50,30 @@ def make_episode(config: EpisodeConfig, seed: int, stop: Stop | None = None) -> 
     """
     began = perf_counter()
     stop = stop or stop_request()
-    stack = TaskStack(config.trial(seed))
-    recorder = EpisodeRecorder(stack)
+    notes, pictures = MomentNotes(find_task(config.task).scene), PictureInput()
+    # Without pictures too: their times stay in the frames, and the frames the same.
+    cameras = CameraService((config.pictures or PictureConfig()).camera(notes.scene), notes)
+    stack = TaskStack(config.trial(seed), beside=(cameras, pictures))
+    recorder = EpisodeRecorder(stack, pictures)
     result = stack.run_or_error(stop)
     meta = _meta(config, recorder, result)
     content, rendering = None, 0.0
     if meta.success or (config.keep_failures and meta.verdict != "error"):
         before = perf_counter()
-        pictures = {}
+        files = {}
         if config.pictures is not None:
-            pictures = render(config.task, config.pictures, recorder.scenes, stop)
+            moments = (notes.moments[number] for number in recorder.moments)
+            files = render(config.task, config.pictures, moments, stop)
         rendering = perf_counter() - before
-        content = to_bytes(meta, recorder.rows, pictures, recorder.names)
+        content = to_bytes(meta, recorder.rows, files, recorder.names)
     return EpisodeResult(meta, content, result.simulated, perf_counter() - began, rendering)
 
 
 def _meta(config: EpisodeConfig, recorder: EpisodeRecorder, result: TrialResult) -> EpisodeMeta:
-    code, size = collecting_code(), config.pictures
+    code, size = collecting_code(config.operator), config.pictures
     step = config.physics_steps * PHYSICS_STEP_NS
     return EpisodeMeta(
-        operator="synthetic",
+        operator=config.operator.kind,
         task=config.task,
         goal=find_task(config.task).goal,
         seed=result.seed,
@@ -91,26 +92,3 @@ def _meta(config: EpisodeConfig, recorder: EpisodeRecorder, result: TrialResult)
         source=code.source,
         machine=code.machine,
     )
-
-
-@lru_cache(maxsize=2)
-def _renderer(config: CameraConfig) -> StereoRenderer:
-    return StereoRenderer(config)
-
-
-def render(
-    task: str, pictures: PictureConfig, scenes: list[tuple[PlantState, SceneState]], stop: Stop
-) -> dict[str, list[bytes]]:
-    """Return JPEG files by camera, one for each of ``scenes``.
-
-    Raises:
-        StoppedError: ``stop`` was set meanwhile.
-    """
-    renderer = _renderer(pictures.camera(find_task(task).scene))
-    files: dict[str, list[bytes]] = {camera: [] for camera in CAMERAS}
-    for state, objects in scenes:
-        if stop.is_set():
-            raise StoppedError("the episode was given up")
-        for camera, image in zip(CAMERAS, renderer.render(state, CAMERAS, objects), strict=True):
-            files[camera].append(encode(image, "jpeg", pictures.quality))
-    return files

@@ -55,7 +55,7 @@ def _conditions(line: IndexLine) -> str:
         return f"operator: {line.meta.operator}; {text}"
     config = EpisodeConfig.of(line.meta)
     return (
-        f"operator: synthetic, {config.traits.name}; links: {links_text(config.links)}; torques: "
+        f"operator: {config.operator}; links: {links_text(config.links)}; torques: "
         f"{config.torque_mode}; {text}"
     )
 

@@ -20,7 +20,7 @@ from common.episodes.folder import (
     trial_files,
 )
 from common.files import PART
-from lab.demonstrations.collect.config import EpisodeConfig
+from lab.demonstrations.collect.config import EpisodeConfig, origin_of
 from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
 from lab.trials.folder import disk_errors, locked_folder, write_file, write_model
 from lab.trials.provenance import CodeVersion
@@ -160,7 +160,7 @@ class DatasetStore:
         for path in self.files():
             try:
                 line = self.read(path)
-                if differences := settings_differences(origin, line.meta.origin):
+                if differences := settings_differences(origin, origin_of(line.meta)):
                     wrong.append(
                         f"{path}: of another data set, here | there: {'; '.join(differences)}"
                     )

@@ -8,7 +8,9 @@ from pydantic import Field, model_validator
 
 from common.errors import ConfigError
 from lab.studies.latency.conditions import BASELINE, Condition
-from lab.trials.provenance import CodeVersion, code_version
+from lab.trials.operators.kinds import operator_code
+from lab.trials.operators.specs import OperatorSpec, SyntheticSpec
+from lab.trials.provenance import CodeVersion
 from lab.trials.spec import TrialSettings, TrialSpec, settings_differences, validated
 from services.sim.tasks import find_task
 
@@ -64,7 +66,8 @@ class Plan(TrialSettings):
             ConfigError: a value is wrong.
             TaskError: there is no such task.
         """
-        plan = validated(cls, {"code": study_code()} | values)
+        code = study_code(values.get("operator", SyntheticSpec()))
+        plan = validated(cls, {"code": code} | values)
         for task in plan.tasks:
             find_task(task)
         return plan
@@ -120,6 +123,6 @@ class Plan(TrialSettings):
         return self.model_dump(mode="json", exclude={"code"}) | {"conditions": conditions}
 
 
-def study_code() -> CodeVersion:
-    """Return the version of the code that decides what a trial comes to."""
-    return code_version("lab.studies.latency.trial")
+def study_code(operator: OperatorSpec) -> CodeVersion:
+    """Return the version of the code that decides what a trial of an operator comes to."""
+    return operator_code(operator, "lab.studies.latency.trial")

@@ -19,7 +19,7 @@ def run_study_trial(plan: Plan, key: TrialKey) -> StudyTrial:
         StoppedError: the worker is to end meanwhile.
         LabError: this process runs other code than the study was begun with.
     """
-    plan.code.check(study_code())
+    plan.code.check(study_code(plan.operator))
     began = perf_counter()
     stack = TaskStack(plan.spec(key), journal=True)
     meter = TrialMeter()

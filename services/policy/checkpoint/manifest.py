@@ -36,6 +36,9 @@ class Origin(StrictModel):
         source: digest of the code that trained it.
         versions: versions of Python and packages.
         operator: who operated the robot in the data set.
+        task: scored task of the data set, which evaluation runs; empty: none, or several.
+        picture_size: width and height of the data set's pictures, before they were scaled
+            [pixels]; evaluation renders the same; None: there are none, or several sizes.
     """
 
     dataset: str
@@ -43,6 +46,8 @@ class Origin(StrictModel):
     source: str
     versions: dict[str, str]
     operator: str
+    task: str = ""
+    picture_size: tuple[int, int] | None = None
 
 
 class Schema(StrictModel):

@@ -14,6 +14,12 @@ FASTEST = 1e3
 _FARTHEST_SQUARED, _FASTEST_SQUARED = FARTHEST**2, FASTEST**2
 
 
+def is_possible(qpos: Array, qvel: Array) -> bool:
+    """Return whether all numbers of a state (nq,), (nv,) are finite and within all bounds."""
+    # NaN compares as out of bounds, and one entry of it is enough.
+    return bool(qpos.dot(qpos) <= _FARTHEST_SQUARED and qvel.dot(qvel) <= _FASTEST_SQUARED)
+
+
 def check_state(model: Any, qpos: Array, qvel: Array) -> None:
     """Refuse a state of robot or scene that is not finite, or beyond all bounds.
 
@@ -25,8 +31,7 @@ def check_state(model: Any, qpos: Array, qvel: Array) -> None:
     Raises:
         PlantDivergedError: naming the worst joint.
     """
-    # NaN compares as out of bounds, and one entry of it is enough.
-    if qpos.dot(qpos) <= _FARTHEST_SQUARED and qvel.dot(qvel) <= _FASTEST_SQUARED:
+    if is_possible(qpos, qvel):
         return
     raise PlantDivergedError(
         f"the physics diverged: expected positions and speeds below {FARTHEST:g} m and "

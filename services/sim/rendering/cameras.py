@@ -8,7 +8,7 @@ import os
 import sys
 from argparse import SUPPRESS, ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal, Self
+from typing import Any, Literal, Protocol, Self
 
 import cv2
 import mujoco
@@ -52,6 +52,26 @@ class CameraConfig(BaseModel):
 _FIELDS = frozenset(CameraConfig.model_fields)
 
 
+class PictureSource(Protocol):
+    """Where the camera service has its pictures from.
+
+    Attributes:
+        scene: name of the surroundings.
+    """
+
+    scene: str
+
+    def files(
+        self, state: PlantState, cameras: Sequence[str], objects: SceneState | None = None
+    ) -> list[bytes]:
+        """Return an encoded picture per camera; see :meth:`StereoRenderer.render`."""
+        ...
+
+    def close(self) -> None:
+        """Free what it holds."""
+        ...
+
+
 class StereoRenderer:
     """Renders the robot's stereo pair: upright pictures, row 0 on top.
 
@@ -83,6 +103,18 @@ class StereoRenderer:
         """
         show_state(self._model, self._data, self._addresses, state, objects)
         return [self._offscreen.render(self._data, self._cameras[name]) for name in cameras]
+
+    def reset(self) -> None:
+        """Put the scene back to its start, where nothing has been shown yet."""
+        mujoco.mj_resetData(self._model, self._data)
+
+    def files(
+        self, state: PlantState, cameras: Sequence[str], objects: SceneState | None = None
+    ) -> list[bytes]:
+        """Return the pictures of :meth:`render`, encoded as configured."""
+        encoding, quality = self._config.encoding, self._config.quality
+        images = self.render(state, cameras, objects)
+        return [encode(image, encoding, quality) for image in images]
 
     def close(self) -> None:
         """Free the OpenGL context."""
@@ -123,11 +155,24 @@ class CameraService(Service):
     # Software rendering of both cameras takes up to 0.15 s, more on a busy machine.
     heartbeat_timeout_s = 0.5
 
-    def __init__(self, config: CameraConfig | None = None) -> None:
+    def __init__(
+        self,
+        config: CameraConfig | None = None,
+        source: PictureSource | None = None,
+    ) -> None:
+        """Open the source of pictures.
+
+        Args:
+            config: configuration of the cameras.
+            source: where pictures come from; None: they are rendered.
+
+        Raises:
+            RenderingUnavailableError: pictures are to be rendered, but there is no OpenGL.
+        """
         self._config = config or CameraConfig()
         self.settings = self._config.model_dump(mode="json")
         self.period_ns = 1_000_000_000 // self._config.rate
-        self._renderer = StereoRenderer(self._config)
+        self._source = source or StereoRenderer(self._config)
         self._warned = False
 
     @classmethod
@@ -147,42 +192,40 @@ class CameraService(Service):
             if self.wanted(topic)
         }
         objects = inputs.latest(TASK_SCENE)
-        if objects is not None and objects.scene != self._renderer.scene:
+        if objects is not None and objects.scene != self._source.scene:
             objects = self._follow(objects)
-        images = self._renderer.render(state, list(topics), objects)
+        files = self._source.files(state, list(topics), objects)
         return [
-            Output(topic, self._frame(side, image, state.header.stamp))
-            for (side, topic), image in zip(topics.items(), images, strict=True)
+            Output(topic, self._frame(side, file, state.header.stamp))
+            for (side, topic), file in zip(topics.items(), files, strict=True)
         ]
 
     def _follow(self, objects: SceneState) -> SceneState | None:
         """Switch to the plant's scene unless one is configured; returns the objects to show."""
         if self._config.scene or self._config.task:
             if not self._warned:
-                shown = self._renderer.scene
+                shown = self._source.scene
                 _LOG.warning("showing the scene %s, but the plant's is %s", shown, objects.scene)
             self._warned = True
             return None
         config = self._config.model_copy(update={"scene": objects.scene})
-        self._renderer.close()
-        self._renderer = StereoRenderer(config)
+        self._source.close()
+        self._source = StereoRenderer(config)
         return objects
 
-    def _frame(self, side: str, image: Image, stamp_ns: int) -> CameraFrame:
-        height, width, _ = image.shape
-        encoding, quality = self._config.encoding, self._config.quality
+    def _frame(self, side: str, file: bytes, stamp_ns: int) -> CameraFrame:
         return CameraFrame(
             header=Header(stamp=stamp_ns),
             eye="left" if side == "left" else "right",
-            width=width,
-            height=height,
-            encoding=encoding,
-            data=encode(image, encoding, quality),
+            width=self._config.width,
+            height=self._config.height,
+            encoding=self._config.encoding,
+            data=file,
         )
 
     def close(self) -> None:
-        """Free the renderer."""
-        self._renderer.close()
+        """Free the source of pictures."""
+        self._source.close()
 
 
 def _add_arguments(parser: ArgumentParser) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from common.estop import StopButton
+from common.operator.claim import Claimant
 from common.runtime.service import Output
 from common.schemas import (
     EstopClear,
@@ -25,7 +26,6 @@ from common.schemas import (
 )
 from common.schemas.arrays import Float64Array as Array
 from common.topics import ESTOP_CLEAR, PLANT_REQUEST, TELEOP_GAIT
-from services.teleop.claim import Claimant
 from services.teleop.keyboard.keymap import (
     Action,
     Axis,

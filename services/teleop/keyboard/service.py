@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from common.operator.claim import own_replies
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import Sender
 from common.topics import (
@@ -19,7 +20,6 @@ from common.topics import (
     WBC_STATE,
     WBC_TARGET,
 )
-from services.teleop.claim import own_replies
 from services.teleop.keyboard.console import Console, KeyboardConfig
 from services.teleop.keyboard.decoder import KeyDecoder
 from services.teleop.keyboard.screen import Feedback, render

@@ -6,6 +6,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.operator.claim import Claimant, own_replies
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     ControllerState,
@@ -31,7 +32,6 @@ from common.topics import (
     WBC_STATE,
     WBC_TARGET,
 )
-from services.teleop.claim import Claimant, own_replies
 from services.teleop.errors import ScriptError
 from services.teleop.scripted.gaits import GaitClient, GaitPatience
 from services.teleop.scripted.player import ScriptContext, play

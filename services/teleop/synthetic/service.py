@@ -7,6 +7,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.operator.claim import Claimant, own_replies
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     GaitReply,
@@ -31,7 +32,6 @@ from common.topics import (
     WBC_STATE,
     WBC_TARGET,
 )
-from services.teleop.claim import Claimant, own_replies
 from services.teleop.errors import TeleopError
 from services.teleop.headset.mapping import HeadsetMapper, MapperConfig
 from services.teleop.synthetic.observation import Observation, Observer

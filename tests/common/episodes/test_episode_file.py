@@ -45,6 +45,22 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
             episode.array("action/feet")
 
 
+def test_a_file_from_before_a_column_was_added_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "e.h5"
+    path.write_bytes(to_bytes(meta(7), rows(frames=4), {}))
+    with open_episode(path) as episode:
+        assert episode.holds("observation/hand_error")
+    with h5py.File(path, "r+") as file:
+        del file["observation/hand_error"]
+        del file["action/neck"]
+    with open_episode(path) as episode:
+        assert not episode.holds("observation/hand_error")
+        assert episode.array("observation/hand_error", slice(1, 3)).shape == (2, 4)
+        assert np.isnan(episode.array("observation/hand_error")).all()
+        with pytest.raises(EpisodeDamagedError):
+            episode.array("action/neck")
+
+
 def test_the_file_explains_itself_to_any_hdf5_reader(tmp_path: Path) -> None:
     path = tmp_path / "e.h5"
     path.write_bytes(to_bytes(meta(0), rows(), {}))

@@ -22,7 +22,7 @@ from common.topics import (
 from common.wire.codec import encode
 
 OPERATOR_READS = {
-    *("plant/state", "plant/status", "task/scene", "task/status"),
+    *("plant/state", "plant/truth", "plant/status", "task/scene", "task/status"),
     *("wbc/state", "wbc/reply", "wbc/authority", "wbc/target"),
 }
 EYES = {"camera/left", "camera/right"}

@@ -315,3 +315,30 @@ def test_a_missing_button_holds_at_once_and_a_dead_controller_still_goes_limp(
     assert watched.tick(NOW + 500 * MS + 1, fallen=False) is GuardMode.HOLD
     assert watched.tick(now + 5000 * MS, fallen=False) is GuardMode.HOLD
     assert watched.tick(now + 5000 * MS + 1, fallen=False) is GuardMode.DAMP
+
+
+@pytest.mark.parametrize("history", ["silent", "active", "watched", "held", "limp", "stopped"])
+def test_until_it_is_settled_only_a_fall_changes_the_mode(history: str) -> None:
+    def begun() -> Guard:
+        guard = Guard(GuardConfig(stop_beat_timeout=0.0 if history == "active" else 0.07))
+        guard.reset(EPOCH)
+        guard.beat(NOW)
+        if history == "silent":
+            return guard
+        assert offer(guard, make_command(NOW), NOW)
+        if history == "stopped":
+            guard.estop("keyboard", "")
+        guard.tick(NOW + {"held": 80, "limp": 9000}.get(history, 0) * MS, fallen=False)
+        return guard
+
+    guard = begun()
+    mode_now, settled_ns = guard.mode, guard.settled_until_ns()
+    ends = {"active": 100, "watched": 70, "held": 5000}
+    assert settled_ns == (NOW + ends[history] * MS if history in ends else None)
+    last_ns = NOW + 3600_000 * MS if settled_ns is None else settled_ns
+    assert guard.tick(last_ns, fallen=False) is mode_now
+    if settled_ns is not None:
+        assert guard.tick(settled_ns + 1, fallen=False) is not mode_now
+    fallen = begun()
+    fallen.tick(NOW + 1, fallen=True)
+    assert fallen.settled_until_ns() is None

@@ -31,6 +31,16 @@ def test_every_command_teaches(capsys: pytest.CaptureFixture[str]) -> None:
         assert f"trill {command.name}" in text.partition("examples:")[2]
 
 
+def test_the_version_says_whether_compiled_code_is_in_use(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TRILL_NATIVE", "0")
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert "compiled kernels (TRILL_NATIVE=0)" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     "words",
     [[], ["fly"], ["demo", "--torque-mode", "heroic"], ["top", "--base-port", "x"], ["report"]],

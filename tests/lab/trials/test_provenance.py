@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 import lab.trials.provenance
+from lab.demonstrations.collect.config import collecting_code
+from lab.trials.operators.specs import SyntheticSpec
 from lab.trials.provenance import ROOT, closure, digest, environment, machine, revision
 
 WORK = """
@@ -31,7 +33,9 @@ def test_every_module_that_worked_counts() -> None:
         [sys.executable, "-c", WORK], cwd=ROOT, capture_output=True, text=True, check=True
     )
     worked = set(done.stdout.split())
-    counted = set(closure("lab.demonstrations.collect.episode"))
+    roots = ("lab.demonstrations.collect.episode", "lab.trials.operators.synthetic")
+    counted = set(closure(*roots))
+    assert collecting_code(SyntheticSpec()).source == digest(*roots)
     assert len(worked) > 60
     assert worked <= counted
     assert (

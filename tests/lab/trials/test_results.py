@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -11,15 +12,22 @@ from common.errors import TrillError
 from lab.errors import LabError
 from lab.studies.tasks.command import main
 from lab.trials import results
-from lab.trials.results import TrialFile, run_trials
+from lab.trials.operators.specs import SyntheticSpec
+from lab.trials.results import TrialFile, run_trials, trial_code
 from lab.trials.spec import TrialResult, TrialSpec
 from lab.trials.workers import LocalExecutor
+from services.teleop.synthetic.traits import TRAITS
 
 SPEC = TrialSpec(task="door/unlock", seed=3, physics_steps=5)
 
 
 def replace(spec: TrialSpec, **changes: object) -> TrialSpec:
     return spec.model_copy(update=changes)
+
+
+def listener() -> tuple[list[TrialResult], Callable[[TrialSpec, TrialResult], None]]:
+    told: list[TrialResult] = []
+    return told, lambda _spec, found: told.append(found)
 
 
 def nobody() -> LocalExecutor:
@@ -44,8 +52,8 @@ def result(seed: int, verdict: str = "success") -> TrialResult:
 def test_a_kept_trial_is_not_run_again(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    told: list[TrialResult] = []
-    assert run_trials([SPEC], TrialFile(path), nobody, on_result=told.append) == [result(3)]
+    told, tell = listener()
+    assert run_trials([SPEC], TrialFile(path), nobody, on_result=tell) == [result(3)]
     assert told == []
 
 
@@ -59,7 +67,7 @@ def test_a_trial_counts_only_with_the_same_settings(tmp_path: Path) -> None:
         replace(SPEC, physics_steps=1),
         replace(SPEC, links={}),
         replace(SPEC, raw_hands=True),
-        replace(SPEC, traits=SPEC.traits.model_copy(update={"tremor": 0.0})),
+        replace(SPEC, operator=SyntheticSpec(traits=TRAITS["steady"])),
     ):
         assert kept.result(other) is None
 
@@ -69,10 +77,21 @@ def test_trials_of_other_code_do_not_count_and_are_told(
 ) -> None:
     path = tmp_path / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    other = TrialFile(None).code.model_copy(update={"source": "another"})
-    monkeypatch.setattr(results, "code_version", lambda _module: other)
+    other = trial_code(SPEC.operator).model_copy(update={"source": "another"})
+    monkeypatch.setattr(results, "trial_code", lambda _operator: other)
     kept = TrialFile(path)
     assert (kept.result(SPEC), kept.other_code) == (None, 1)
+
+
+def test_a_file_from_when_there_was_one_operator_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "trials.jsonl"
+    steady = replace(SPEC, operator=SyntheticSpec(traits=TRAITS["steady"]))
+    TrialFile(path).add(steady, result(3))
+    line = json.loads(path.read_text())
+    line["spec"]["traits"] = line["spec"].pop("operator")["traits"]
+    path.write_text(json.dumps(line) + "\n")
+    kept = TrialFile(path)
+    assert (kept.result(steady), kept.result(SPEC)) == (result(3), None)
 
 
 def test_a_torn_line_is_dropped_and_the_next_begins_on_its_own(tmp_path: Path) -> None:
@@ -150,7 +169,7 @@ def test_trouble_is_no_wrong_option(
     def lost(*_: object, **_options: object) -> None:
         raise TrillError("the worker was lost")
 
-    monkeypatch.setattr("lab.studies.tasks.command.run_trials", lost)
+    monkeypatch.setattr("lab.trials.shown.run_trials", lost)
     assert main(["run", "door/unlock", "--seeds", "0"]) == 1
     assert "the worker was lost" in capsys.readouterr().err
     assert main(["run", "door/unlock", "--out", str(tmp_path)]) == 2
@@ -159,10 +178,13 @@ def test_trouble_is_no_wrong_option(
 def test_a_campaign_runs_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    told: list[TrialResult] = []
+    told, tell = listener()
     trials = [replace(SPEC, seed=0), SPEC]
     first, second = run_trials(
-        trials, TrialFile(path), lambda: LocalExecutor(1), on_result=told.append
+        trials,
+        TrialFile(path),
+        lambda: LocalExecutor(1),
+        on_result=tell,
     )
     assert (first.seed, first.verdict, second) == (0, "success", result(3))
     assert told == [first]
@@ -186,7 +208,7 @@ def test_trials_with_other_packages_do_not_count(
 ) -> None:
     path = tmp_path / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    other = TrialFile(None).code.model_copy(update={"versions": {"mujoco": "99.0"}})
-    monkeypatch.setattr(results, "code_version", lambda _module: other)
+    other = trial_code(SPEC.operator).model_copy(update={"versions": {"mujoco": "99.0"}})
+    monkeypatch.setattr(results, "trial_code", lambda _operator: other)
     kept = TrialFile(path)
     assert (kept.result(SPEC), kept.other_code) == (None, 1)

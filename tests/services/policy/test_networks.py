@@ -67,7 +67,9 @@ def test_a_sequence_and_its_single_steps_agree(kind: str, changes: dict[str, Any
     runtime = TorchRuntime(policy)
     state = np.zeros(config.memory_shape, dtype=np.float32)
     for t in range(6):
-        decision, state = runtime.step(observation[0, t].numpy(), pictures[0, t].numpy(), state)
+        decision, state = runtime.run(
+            observation[0, t : t + 1].numpy(), pictures[0, t : t + 1].numpy(), state
+        )
         for got, expected in zip(decision, whole, strict=True):
             np.testing.assert_allclose(got, expected[0, t].numpy(), atol=2e-6)
     np.testing.assert_allclose(state, memory[:, :, 0].numpy(), atol=2e-6)

@@ -89,7 +89,9 @@ def test_four_sequences_are_learned_by_heart_and_replayed() -> None:
         memory = np.zeros(CONFIG.memory_shape, dtype=np.float32)
         for t in range(FRAMES):
             frame = {name: column[t] for name, column in arrays.items()}
-            decision, memory = runtime.step(processor.frame(frame, command), views[t], memory)
+            decision, memory = runtime.run(
+                processor.frame(frame, command)[None], views[t : t + 1], memory
+            )
             (command,) = processor.commands(decision, command)
             # The differences add up: their errors do as well.
             np.testing.assert_allclose(command.hands, arrays["action/hands"][t], atol=0.01)

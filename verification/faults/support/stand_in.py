@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from common.operator.claim import Claimant, own_replies
 from common.robot.pose import Pose
 from common.runtime.live.main import run_live
 from common.runtime.service import Inputs, Output, Service
@@ -29,7 +30,6 @@ from common.topics import (
     WBC_STATE,
     WBC_TARGET,
 )
-from services.teleop.claim import Claimant, own_replies
 from services.teleop.errors import ScriptError
 from services.teleop.scripted.gaits import GaitClient
 from services.teleop.targets.hand import SIDES, home_pose

@@ -21,7 +21,7 @@ from tests.lab.trials.fake_executor import FakeExecutor
 
 FAILING = {1, 4, 5, 6, 11}
 CONFIG = EpisodeConfig(task="door/unlock", physics_steps=5, pictures=None)
-CODE = collecting_code()
+CODE = collecting_code(CONFIG.operator)
 
 
 def rows(frames: int = 4, seed: int = 0) -> Rows:

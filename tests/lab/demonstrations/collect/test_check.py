@@ -63,6 +63,13 @@ def test_nothing_is_wrong_with_what_is_whole(store: DatasetStore) -> None:
     assert main(["collect", "--check", str(store.root)]) == 0
 
 
+def test_an_episode_from_before_a_column_was_added_is_whole(store: DatasetStore) -> None:
+    with h5py.File(store.root / "episodes" / "000000.h5", "r+") as file:
+        del file["observation/hand_error"]
+    store.write_index(store.scan())
+    assert check(store) == []
+
+
 def put(path: str, index: tuple[int, ...], value: float) -> Callable[[h5py.File], None]:
     def change(file: h5py.File) -> None:
         file[path][index] = value

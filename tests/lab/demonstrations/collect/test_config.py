@@ -6,8 +6,9 @@ import pytest
 
 from common.errors import TrillError
 from lab.cli.collect import _config, add_arguments
-from lab.demonstrations.collect.config import EpisodeConfig
+from lab.demonstrations.collect.config import EpisodeConfig, origin_of
 from lab.trials.links import links_used
+from tests.lab.demonstrations.collect.support import CONFIG, meta
 
 PAPER = {"command": "paper"}
 
@@ -43,3 +44,12 @@ def test_without_a_word_about_links_the_own_one_is_put_in() -> None:
     assert EpisodeConfig(task="door/unlock").links == {}
     with pytest.raises(TrillError, match="unknown task 'hardware/cup'"):
         EpisodeConfig.checked({"task": "hardware/cup"})
+
+
+def test_an_origin_from_when_there_was_one_operator_is_the_same() -> None:
+    new = CONFIG.origin()
+    old = {name: value for name, value in new.items() if name != "operator"}
+    old["traits"] = new["operator"]["traits"]
+    before = meta(3).model_copy(update={"origin": old})
+    assert origin_of(before) == new
+    assert origin_of(before.model_copy(update={"origin": {"recorded": 1}})) == {"recorded": 1}

@@ -1,14 +1,24 @@
-"""A gait stands in the frame of its sample, whichever of both messages comes first."""
+"""A gait stands in the frame of its sample, whenever it comes; a frame needs a picture."""
 
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
 
-from common.schemas import ControllerState, Gait, GaitRequest, Header, PlantState, Setpoint
+from common.schemas import (
+    CameraFrame,
+    ControllerState,
+    Gait,
+    GaitRequest,
+    Header,
+    Message,
+    PlantState,
+    Setpoint,
+)
 from common.topics import PLANT_STATE, TELEOP_GAIT, TELEOP_SETPOINT, WBC_STATE
+from lab.demonstrations.collect.pictures import PictureInput
 from lab.demonstrations.collect.recorder import EpisodeRecorder
 from services.sim.config import SimConfig
 from services.sim.physics.plant import Plant
@@ -16,7 +26,9 @@ from tests.common.transport.support import examples
 
 MESSAGES = {type(message): message for message in examples()}
 SAMPLES = (100, 150, 200)
-"""Robot times of what the operator saw [ms]."""
+"""Times at which the operator sampled its device [ms]."""
+M = TypeVar("M", bound=Message)
+Sent = list[tuple[Any, Any]]
 
 
 class Stack:
@@ -40,26 +52,79 @@ class Stack:
             hear(message)
 
 
-def gaits(order: Callable[[list[Any]], Sequence[Any]]) -> list[int]:
-    """Record three samples, the second with a gait; ``order`` arranges the messages of each."""
-    stack = Stack()
-    recorder = EpisodeRecorder(stack)  # type: ignore[arg-type]
+def made(kind: type[M], **changes: object) -> M:
+    """A message like the example of its kind, with changes."""
+    example = MESSAGES[kind]
+    assert isinstance(example, kind)
+    return example.model_copy(update=changes)
+
+
+def picture(number: int) -> CameraFrame:
+    """A picture that stands for the moment of this number."""
+    return made(CameraFrame, data=str(number).encode())
+
+
+def recorded() -> tuple[Stack, EpisodeRecorder, PictureInput]:
+    """A recorder that has heard from robot and controller, without a picture yet."""
+    stack, pictures = Stack(), PictureInput()
+    recorder = EpisodeRecorder(stack, pictures)  # type: ignore[arg-type]
     stack.send(PLANT_STATE, MESSAGES[PlantState])
     stack.send(WBC_STATE, MESSAGES[ControllerState])
-    for sample in SAMPLES:
-        header = Header(stamp=sample * 1_000_000)
-        setpoint = MESSAGES[Setpoint].model_copy(update={"header": header})
-        sent: list[Any] = [(TELEOP_SETPOINT, setpoint)]
-        if sample == SAMPLES[1]:
-            request = GaitRequest(header=header, request_id=1, gait=Gait.TURN_LEFT)
-            sent.append((TELEOP_GAIT, request))
-        for topic, message in order(sent):
-            stack.send(topic, message)
+    return stack, recorder, pictures
+
+
+def header(sampled: int, seen: int) -> Header:
+    """Of a message of the sample at a time, when the newest thing seen was of another [ms]."""
+    return Header(stamp=seen * 1_000_000, captured=sampled * 1_000_000)
+
+
+def setpoint(sampled: int, seen: int) -> tuple[Any, Setpoint]:
+    return TELEOP_SETPOINT, made(Setpoint, header=header(sampled, seen))
+
+
+def turn(sampled: int, seen: int) -> tuple[Any, GaitRequest]:
+    request = GaitRequest(header=header(sampled, seen), request_id=1, gait=Gait.TURN_LEFT)
+    return TELEOP_GAIT, request
+
+
+def gaits(messages: Sent) -> list[int]:
+    """Record messages in this order and return the gait of each frame."""
+    stack, recorder, pictures = recorded()
+    pictures.newest = picture(0)
+    for topic, message in messages:
+        stack.send(topic, message)
     return [int(gait) for gait in np.array(recorder.rows.rows["action/locomotion"])]
 
 
+@pytest.mark.parametrize("place", range(len(SAMPLES) + 1))
+def test_a_gait_belongs_to_its_sample_wherever_it_comes_in_the_order(place: int) -> None:
+    """Among three samples it is the second's: before, after, and later than the third."""
+    messages: Sent = [setpoint(sample, sample) for sample in SAMPLES]
+    messages.insert(place, turn(SAMPLES[1], SAMPLES[1]))
+    assert gaits(messages) == [0, int(Gait.TURN_LEFT), 0]
+
+
 @pytest.mark.parametrize("order", [list, lambda sent: sent[::-1]], ids=["after", "before"])
-def test_the_order_of_both_messages_does_not_matter(
-    order: Callable[[list[Any]], Sequence[Any]],
+def test_while_nothing_new_is_seen_the_samples_stay_apart(
+    order: Callable[[Sent], Sequence[Any]],
 ) -> None:
-    assert gaits(order) == [0, int(Gait.TURN_LEFT), 0]
+    messages: Sent = [setpoint(SAMPLES[0], 70)]
+    messages += order([setpoint(SAMPLES[1], 70), turn(SAMPLES[1], 70)])
+    messages += [setpoint(SAMPLES[2], 70)]
+    assert gaits(messages) == [0, int(Gait.TURN_LEFT), 0]
+
+
+def test_a_gait_without_its_set_point_is_in_no_other_frame() -> None:
+    messages: Sent = [setpoint(SAMPLES[0], SAMPLES[0]), turn(SAMPLES[1], SAMPLES[1])]
+    assert gaits([*messages, setpoint(SAMPLES[2], SAMPLES[2])]) == [0, 0]
+
+
+def test_frames_begin_with_the_first_picture_and_say_which_they_show() -> None:
+    stack, recorder, pictures = recorded()
+    stack.send(*setpoint(SAMPLES[0], SAMPLES[0]))
+    assert not len(recorder.rows)
+    for number, sample in ((0, SAMPLES[1]), (0, SAMPLES[2]), (1, 250)):
+        pictures.newest = picture(number)
+        stack.send(*setpoint(sample, sample))
+    assert recorder.moments == [0, 0, 1]
+    assert recorder.rows.rows["time/seen_ns"] == [150_000_000, 200_000_000, 250_000_000]

@@ -26,6 +26,7 @@ from lab.studies.latency.plan import TrialKey
 from lab.studies.latency.record import OWN_LATENCY, LinkLatency, StudyTrial
 from lab.studies.latency.store import StudyStore
 from lab.studies.latency.trial import run_study_trial
+from lab.trials.operators.specs import SyntheticSpec
 from lab.trials.stack import TaskStack
 from services.logger.errors import LoggerError
 from services.logger.read.reader import LogReader
@@ -35,6 +36,7 @@ from services.teleop.synthetic.traits import TRAITS
 from tests.lab.studies.latency.support import UNLOCK, plan_of
 
 SETTINGS = ["--tasks", UNLOCK, "--traits", "steady", "--physics-steps", "5"]
+STEADY = SyntheticSpec(traits=TRAITS["steady"])
 CONDITIONS = ["--condition", "interpolation", "--condition", "latency-250"]
 
 
@@ -93,7 +95,7 @@ def test_the_same_command_finds_nothing_to_do(
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The late trial once more, recorded as a run is."""
     folder = tmp_path_factory.mktemp("run")
-    plan = plan_of(*standard("command"), tasks=(UNLOCK,), traits=TRAITS["steady"], physics_steps=5)
+    plan = plan_of(*standard("command"), tasks=(UNLOCK,), operator=STEADY, physics_steps=5)
     stack = TaskStack(plan.spec(TrialKey(0, UNLOCK, "latency-250")), record=True)
     stack.run()
     stack.runner.close()

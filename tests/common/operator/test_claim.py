@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from common.operator.claim import PATIENCE, Claimant, own_replies
 from common.schemas import (
     AuthorityChange,
     AuthorityState,
@@ -15,10 +16,8 @@ from common.schemas import (
 )
 from common.schemas.operator import Gait
 from common.topics import WBC_AUTHORITY
-from services.teleop.claim import PATIENCE, Claimant, own_replies
 from tests.services.inputs import FakeInputs
-
-from .support import BOOT, authority
+from tests.services.teleop.support import BOOT, authority
 
 ME = Sender("me", BOOT)
 MINE = authority("me", BOOT)

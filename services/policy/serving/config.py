@@ -1,0 +1,104 @@
+"""Configuration of the service that runs a policy."""
+
+from pathlib import Path
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from services.policy.configuration import ChunkConfig, PolicySettings, StrictModel
+
+EXECUTE = 5
+"""Steps of a chunk that are carried out before the next one, unless configured [1/20 s]."""
+WINDOW = 20
+"""Frames that a recurrent policy of chunks sees anew for each, unless configured."""
+
+
+class TriggerConfig(StrictModel):
+    """When the probability of a gait becomes a request for it."""
+
+    rule: Literal["hazard", "threshold"] = Field(
+        default="hazard",
+        description="hazard: the probability accumulates over the frames in balance, in units of "
+        "the frames before a request that were trained as one; threshold: that of one frame counts",
+    )
+    level: float = Field(default=0.7, gt=0.0, description="at which a gait is requested")
+    hold_off: float = Field(
+        default=0.5, ge=0.0, description="after the end of a gait no other is requested for [s]"
+    )
+    patience: float = Field(
+        default=2.0,
+        gt=0.0,
+        description="time in balance after which a request without an answer is taken for lost [s]",
+    )
+
+
+class PolicyConfig(StrictModel):
+    """Configuration of a policy that operates the robot."""
+
+    checkpoint: Path = Field(description="folder of the checkpoint")
+    kind: str | None = Field(
+        default=None, description="of the policy that is wanted; null: any, as the checkpoint says"
+    )
+    remote: bool = Field(
+        default=False,
+        description="an inference server computes; the robot's side needs no torch, and of the "
+        "checkpoint config.json and processor.json alone",
+    )
+    device: str = Field(default="cpu", description="of torch, for instance cuda; not if remote")
+    threads: int = Field(default=1, ge=1, description="of torch; one beside a simulator")
+    execute: int | None = Field(
+        default=None,
+        ge=1,
+        description="steps of a chunk that are carried out before the next one; null: 5",
+    )
+    window: int | None = Field(
+        default=None,
+        ge=0,
+        le=128,
+        description="frames that a recurrent policy sees anew for each answer, from an empty "
+        "memory, as in training; 0: the memory goes on from the start. null: 20 for a policy of "
+        "chunks, 0 for any other",
+    )
+    compensate: bool = Field(
+        default=True,
+        description="skip as many steps of a chunk as the measured delay takes; a policy of "
+        "differences cannot",
+    )
+    trigger: TriggerConfig = TriggerConfig()
+    late_after: float = Field(
+        default=0.3, gt=0.0, description="age of pictures or an answer that counts as late [s]"
+    )
+    stale_after: float = Field(
+        default=1.0, gt=0.0, description="age of pictures above which nothing is planned [s]"
+    )
+    hold_after: float = Field(
+        default=0.25, gt=0.0, description="time without a new set-point that counts as starved [s]"
+    )
+    answer_timeout: float = Field(
+        default=1.0, gt=0.0, description="time after which a request is given up and made anew [s]"
+    )
+    start_timeout: float = Field(
+        default=60.0, gt=0.0, description="timeout until BALANCE is seen and it has the robot [s]"
+    )
+    stay: bool = Field(default=False, description="wait for the robot without a timeout")
+
+    @model_validator(mode="after")
+    def _ages_rise(self) -> Self:
+        if self.stale_after < self.late_after:
+            raise ValueError(
+                f"expected stale_after of at least late_after, {self.late_after:g} s, got "
+                f"{self.stale_after:g} s"
+            )
+        return self
+
+    def steps_of(self, policy: PolicySettings) -> int:
+        """Return how many steps of an answer of ``policy`` are carried out before the next one."""
+        return min(self.execute or EXECUTE, policy.actions.shape[0])
+
+    def window_of(self, policy: PolicySettings) -> int:
+        """Return the frames that ``policy`` sees anew for each answer; 0: its memory goes on."""
+        if policy.recurrence is None:
+            return 1
+        if self.window is not None:
+            return self.window
+        return WINDOW if isinstance(policy.actions, ChunkConfig) else 0

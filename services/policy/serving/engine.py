@@ -1,0 +1,100 @@
+"""What computes a policy's answers: in this process, or anywhere.
+
+An engine keeps nothing between two requests. It may answer at once, late, or not at all; answers
+carry the step of their request, and nobody compares clocks.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from services.policy.processor.pictures import Picture
+from services.policy.processor.processor import Decision
+
+Memory = NDArray[np.float32]
+
+
+class Request(NamedTuple):
+    """Frames of which a decision is wanted.
+
+    Attributes:
+        step: number of the service's step in which it is asked.
+        observations: (t, n) float32 observation vectors, oldest first.
+        pictures: (t, cameras, height, width, 3) uint8 pictures of the policy's cameras.
+        memory: the recurrent state before the first of these frames.
+    """
+
+    step: int
+    observations: NDArray[np.float32]
+    pictures: Picture
+    memory: Memory
+
+
+class Answer(NamedTuple):
+    """Decision of a request's last frame.
+
+    Attributes:
+        step: of the request.
+        decision: what the network answers.
+        memory: the recurrent state after the last frame.
+        seconds: time that the inference took elsewhere [s]; -1: it is a part of the step.
+    """
+
+    step: int
+    decision: Decision
+    memory: Memory
+    seconds: float = -1.0
+
+
+class Engine(Protocol):
+    """Computes decisions, one request at a time.
+
+    Attributes:
+        refused: answers that were errors or not understood, so far.
+        problem: the last of them in words; empty since the last good answer.
+    """
+
+    refused: int
+    problem: str
+
+    def ask(self, request: Request) -> None:
+        """Begin to answer; an older request is forgotten."""
+
+    def answers(self) -> list[Answer]:
+        """Return the answers that came since the last call, in the order in which they came."""
+
+    def close(self) -> None:
+        """Release resources."""
+
+
+class Runtime(Protocol):
+    """Runs a network; see :class:`services.policy.networks.runtime.TorchRuntime`."""
+
+    def run(
+        self, observations: NDArray[np.float32], pictures: Picture, memory: Memory
+    ) -> tuple[Decision, Memory]:
+        """Return the decision for the last of t frames and the memory after it."""
+
+
+class LocalEngine:
+    """Answers in this process, at once."""
+
+    refused, problem = 0, ""
+
+    def __init__(self, runtime: Runtime) -> None:
+        self._runtime = runtime
+        self._answers: list[Answer] = []
+
+    def ask(self, request: Request) -> None:
+        """Compute the answer."""
+        decision, memory = self._runtime.run(*request[1:])
+        self._answers = [Answer(request.step, decision, memory)]
+
+    def answers(self) -> list[Answer]:
+        """Return the answer to the last request, once."""
+        given, self._answers = self._answers, []
+        return given
+
+    def close(self) -> None:
+        """Nothing is held."""

@@ -1,0 +1,284 @@
+"""The policy as a service in simulated time: it moves the hands, starves, walks, hands over."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from common.runtime.simulated.runner import SimTimeRunner
+from common.schemas import (
+    AuthorityState,
+    Gait,
+    GaitOutcome,
+    GaitReply,
+    OperatorClaim,
+    OperatorKind,
+    PlantState,
+    PolicyMode,
+    PolicyState,
+    Setpoint,
+)
+from common.topics import (
+    PLANT_STATE,
+    POLICY_STATE,
+    TELEOP_CLAIM,
+    TELEOP_SETPOINT,
+    WBC_AUTHORITY,
+    WBC_REPLY,
+    WBC_TARGET,
+    Topic,
+)
+from services.sim.config import SimConfig
+from services.sim.service import PlantService
+from services.wbc.config import wbc_config
+from services.wbc.service import WbcService
+from tests.services.policy.served import MadePolicy, gait_of, made_policy, reaching
+
+MODE = PolicyMode
+HEARD: tuple[Topic[Any], ...] = (
+    PLANT_STATE,
+    POLICY_STATE,
+    TELEOP_SETPOINT,
+    WBC_AUTHORITY,
+    WBC_REPLY,
+    WBC_TARGET,
+)
+
+
+class Stack:
+    """Plant, controller and a policy on flat ground, and what was said."""
+
+    def __init__(self, policy: MadePolicy, **links: str) -> None:
+        self.policy, self.engine = policy, policy.engine
+        self.runner = SimTimeRunner(
+            [PlantService(SimConfig(seed=3)), WbcService(wbc_config("relaxed", "fast")), policy],
+            seed=3,
+            links=links,
+        )
+        self.heard: dict[str, list[Any]] = {}
+        for topic in HEARD:
+            self.runner.on_message(topic, self.heard.setdefault(topic.name, []).append)
+
+    def run(self, seconds: float) -> None:
+        self.runner.run_for(seconds)
+
+    @property
+    def setpoints(self) -> list[Setpoint]:
+        return self.heard[TELEOP_SETPOINT.name]
+
+    @property
+    def states(self) -> list[PolicyState]:
+        return self.heard[POLICY_STATE.name]
+
+    @property
+    def authority(self) -> AuthorityState:
+        said: list[AuthorityState] = self.heard[WBC_AUTHORITY.name]
+        return said[-1]
+
+    def mode(self) -> PolicyMode:
+        return self.policy.mode
+
+    @property
+    def fallen(self) -> bool:
+        states: list[PlantState] = self.heard[PLANT_STATE.name]
+        return any(state.fallen for state in states)
+
+    def completed(self) -> list[Gait]:
+        replies: list[GaitReply] = self.heard[WBC_REPLY.name]
+        return [reply.gait for reply in replies if reply.outcome is GaitOutcome.COMPLETED]
+
+    def errors(self, last: int) -> list[float]:
+        """How far the last set-points are from those made for their steps [m]."""
+        steps = range(self.policy.steps - last, self.policy.steps)
+        return [
+            abs(setpoint.left_hand_position_in_body[0] - reaching(step)[0])
+            for setpoint, step in zip(self.setpoints[-last:], steps, strict=True)
+        ]
+
+
+def modes(stack: Stack) -> list[PolicyMode]:
+    """The modes in their order, each once."""
+    said = [state.mode for state in stack.states]
+    return [mode for i, mode in enumerate(said) if i == 0 or mode is not said[i - 1]]
+
+
+def test_it_gets_the_free_robot_begins_at_its_target_and_drives_the_hands() -> None:
+    stack = Stack(made_policy()[0])
+    stack.run(6.0)
+    assert stack.authority.holder == "policy"
+    assert stack.authority.kind is OperatorKind.POLICY
+    assert max(stack.errors(40)) < 1e-6
+    assert all(s.gripper_closure.tolist() == [1.0, 0.0] for s in stack.setpoints[-40:])
+    assert modes(stack) == [MODE.WAITING, MODE.OK]
+    # Five steps of twenty, then the next one; twenty frames from an empty memory each.
+    steps = [request.step for request in stack.engine.requests]
+    assert set(np.diff(steps)) == {5}
+    assert stack.engine.requests[-1].observations.shape == (
+        20,
+        stack.engine.requests[-1].observations.shape[1],
+    )
+    assert not stack.engine.requests[-1].memory.any()
+    assert stack.policy.note == "acting"
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3, 8])
+def test_answers_are_aligned_by_the_step_however_late_they_come(delay: int) -> None:
+    stack = Stack(made_policy(delay)[0])
+    stack.run(6.0)
+    assert max(stack.errors(40)) < 1e-6
+    assert stack.states[-1].round_trip == pytest.approx(0.05 * delay)
+    assert stack.states[-1].late == 0
+
+
+def test_an_answer_of_which_nothing_is_left_is_dropped_and_the_hands_hold() -> None:
+    stack = Stack(made_policy(25, answer_timeout=3.0)[0])
+    stack.run(8.0)
+    last = stack.states[-1]
+    assert last.late > 2
+    assert last.answers == last.late
+    assert modes(stack)[-1] in {MODE.STARVED, MODE.DEGRADED}
+    held = [s.left_hand_position_in_body[0] for s in stack.setpoints]
+    assert np.ptp(held) == 0.0
+
+
+def test_it_measures_the_delay_of_its_links_and_skips_as_many_steps() -> None:
+    for links, steps in (({}, 0), ({"command": "250ms"}, 5), ({"feedback": "100ms"}, 2)):
+        stack = Stack(made_policy()[0], **links)
+        stack.run(7.0)
+        last = stack.states[-1]
+        assert last.compensated == steps
+        assert last.delay == pytest.approx(0.05 * steps, abs=0.025)
+        expected = [
+            reaching(step + steps)[0] for step in range(stack.policy.steps - 20, stack.policy.steps)
+        ]
+        got = [s.left_hand_position_in_body[0] for s in stack.setpoints[-20:]]
+        np.testing.assert_allclose(got, expected, atol=1e-6)
+
+
+def test_without_answers_the_hands_hold_and_go_on_when_they_come_again() -> None:
+    policy, engine = made_policy()
+    stack = Stack(policy)
+    stack.run(5.0)
+    engine.silent = True
+    stack.run(4.0)
+    assert stack.mode() is MODE.RECONNECTING
+    assert "no answer" in stack.policy.note
+    held = [s.left_hand_position_in_body[0] for s in stack.setpoints[-30:]]
+    assert np.ptp(held) == 0.0
+    assert stack.states[-1].unanswered >= 2
+    engine.silent = False
+    stack.run(3.0)
+    assert stack.mode() is MODE.OK
+    assert max(stack.errors(20)) < 1e-6
+    assert MODE.DEGRADED in modes(stack)
+    assert not stack.fallen
+    assert stack.authority.changes == 1
+
+
+def test_a_gait_is_asked_for_once_when_enough_has_gathered_and_never_while_walking() -> None:
+    policy, engine = made_policy(trigger={"hold_off": 1.0})
+    engine.gait = lambda _request: gait_of(Gait.SIDE_LEFT, 0.8)
+    stack = Stack(policy)
+    stack.run(4.0)
+    assert stack.states[-1].gaits == 1
+    stack.run(12.0)
+    replies: list[GaitReply] = stack.heard[WBC_REPLY.name]
+    assert {reply.outcome for reply in replies} == {GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED}
+    assert set(stack.completed()) == {Gait.SIDE_LEFT}
+    assert stack.states[-1].gaits - len(stack.completed()) in {0, 1}
+    assert not stack.fallen
+
+
+def test_restarted_while_it_walks_it_neither_falls_nor_jumps_nor_walks_twice() -> None:
+    for at in (0.3, 1.2, 2.1):
+        policy, engine = made_policy()
+        engine.gait = lambda request: gait_of(Gait.FORWARD if request.step < 90 else Gait.NONE)
+        stack = Stack(policy)
+        while not stack.states or stack.states[-1].gaits == 0:
+            stack.run(0.05)
+        stack.run(at)
+        stack.runner.pause_service("policy")
+        stack.run(0.5)
+        stack.policy, again = made_policy()
+        stack.runner.replace_service("policy", stack.policy)
+        stack.run(9.0)
+        assert stack.completed() == [Gait.FORWARD], f"killed {at} s into the gait"
+        assert again.requests
+        assert not stack.fallen
+        assert stack.authority.holder == "policy"
+        # Its first set-points may be elsewhere; the controller's target goes there smoothly.
+        targets = [t.left_hand_position_in_body for t in stack.heard[WBC_TARGET.name]]
+        largest = np.linalg.norm(np.diff(targets, axis=0), axis=1).max()
+        assert largest < 0.015
+
+
+def test_a_person_takes_the_robot_and_gives_it_back() -> None:
+    policy, engine = made_policy()
+    stack = Stack(policy)
+    stack.run(4.0)
+    claim = OperatorClaim(kind=OperatorKind.PERSON, wants=True, act=1, holding=False)
+    for act in range(10):
+        stack.runner.inject(
+            TELEOP_CLAIM, claim.model_copy(update={"act": 1 + (act == 0)}), "person"
+        )
+        stack.run(0.1)
+    assert stack.authority.holder == "person"
+    assert stack.mode() is MODE.WAITING
+    assert policy.note == "waiting: person has the robot"
+    asked, sent = len(engine.requests), len(stack.setpoints)
+    stack.run(0.3)
+    assert (len(engine.requests), len(stack.setpoints)) == (asked, sent)
+    stack.runner.inject(TELEOP_CLAIM, claim.model_copy(update={"wants": False}), "person")
+    stack.run(2.0)
+    assert stack.authority.holder == "policy"
+    # It has forgotten what it saw before.
+    assert len(engine.requests[asked].observations) == 1
+    assert stack.mode() is MODE.OK
+
+
+def test_it_does_not_begin_in_time_and_says_why() -> None:
+    policy, _ = made_policy(start_timeout=0.5)
+    with SimTimeRunner([policy]) as runner:
+        runner.run_for(1.0)
+    assert policy.exit_code == 1
+    assert "not begun within 0.5 s" in policy.failure
+    assert "the controller has not said" in policy.failure
+    waits, _ = made_policy(start_timeout=0.5, stay=True)
+    with SimTimeRunner([waits]) as runner:
+        runner.run_for(1.0)
+    assert waits.exit_code is None
+    assert not waits.failure
+
+
+def test_without_the_robots_state_it_plays_its_plan_to_the_end_and_then_holds() -> None:
+    policy, _ = made_policy()
+    stack = Stack(policy)
+    stack.run(4.0)
+    stack.runner.set_link("plant/state", "0ms loss=100%", "policy")
+    stack.run(0.6)
+    assert stack.mode() is MODE.DEGRADED
+    assert "no plant/state for" in policy.note
+    stack.run(1.5)
+    assert stack.mode() is MODE.STARVED
+    assert np.ptp([s.left_hand_position_in_body[0] for s in stack.setpoints[-10:]]) == 0.0
+
+
+def test_a_memory_that_goes_on_is_given_every_frame_once() -> None:
+    policy, engine = made_policy(4, window=0)
+    stack = Stack(policy)
+    stack.run(4.0)
+    assert engine.requests[0].memory.max() == 0.0
+    seen = [len(request.observations) for request in engine.requests]
+    steps = [request.step for request in engine.requests]
+    assert seen[1:] == np.diff(steps).tolist()
+    assert [request.memory.max() for request in engine.requests] == list(range(len(steps)))
+
+
+def test_two_runs_are_the_same() -> None:
+    said = []
+    for _ in range(2):
+        stack = Stack(made_policy(2)[0], command="normal(100ms, 40ms)")
+        stack.run(3.0)
+        said.append([s.left_hand_position_in_body.tolist() for s in stack.setpoints])
+    assert said[0] == said[1]
+    assert len(said[0]) > 20
