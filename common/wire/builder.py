@@ -5,7 +5,7 @@ most of the cost of a state message. So the other fields are validated as those 
 dictionary, and the model is made from the result.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import cache
 from typing import Annotated, Any, TypeVar, cast
 
@@ -37,7 +37,7 @@ def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message
     """
     if has_validators(schema):
         return schema.model_validate
-    validate, assemble = fields_validator(schema, schema.model_fields), assembler(schema)
+    validate, assemble = fields_validator(schema, *schema.model_fields), assembler(schema)
     return lambda fields: assemble(validate(fields))
 
 
@@ -65,8 +65,9 @@ def assembler(model: type[B]) -> Callable[[dict[str, Any]], B]:
     return assemble
 
 
+@cache
 def fields_validator(
-    schema: type[Message], names: Iterable[str]
+    schema: type[Message], *names: str
 ) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """Return a function that validates some fields of ``schema``, arrays taken as they are."""
     types: dict[str, Any] = {}

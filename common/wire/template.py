@@ -38,9 +38,9 @@ class Template:
         unpack: takes it apart into bytes around the holes and, in between, what is in these.
         around: the bytes around the holes.
         counts: fields of the header that have a hole; theirs come first.
-        floats: other fields with a hole that are numbers.
-        floats_of: returns what is in their holes.
-        check_floats: validates them; None if there are none.
+        numbers: other fields with a hole that are numbers.
+        numbers_of: returns what is in their holes.
+        check_numbers: validates them; None if there are none.
         header: values of all its fields.
         values: of all fields of the message, in the order of the schema.
         arrays: its array fields.
@@ -51,9 +51,9 @@ class Template:
     unpack: Callable[[bytes], tuple[Any, ...]]
     around: tuple[bytes, ...]
     counts: tuple[str, ...]
-    floats: tuple[str, ...]
-    floats_of: Callable[[Any], tuple[float, ...]]
-    check_floats: Callable[[dict[str, Any]], dict[str, Any]] | None
+    numbers: tuple[str, ...]
+    numbers_of: Callable[[Any], tuple[float, ...]]
+    check_numbers: Callable[[dict[str, Any]], dict[str, Any]] | None
     header: dict[str, Any]
     values: dict[str, Any]
     arrays: ArrayLayout
@@ -81,9 +81,9 @@ class Template:
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            if self.check_floats is not None:
-                floats = dict(zip(self.floats, self.floats_of(holes), strict=True))
-                values.update(self.check_floats(floats))
+            if self.check_numbers is not None:
+                numbers = dict(zip(self.numbers, self.numbers_of(holes), strict=True))
+                values.update(self.check_numbers(numbers))
             views = checked_views(b"".join(self.pieces_of(holes)), self.arrays)
         except (SchemaError, ValidationError):
             return None
@@ -128,6 +128,14 @@ def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple
     return tuple(counts)
 
 
+def _number_hole(value: Any, packed: bytes) -> str:
+    """Return the layout of the hole for a field's number; empty: it has none."""
+    if isinstance(value, float):
+        return "d"
+    # Members of an enumeration are other values than the numbers on the wire.
+    return _COUNTS.get(packed[0], "") if type(value) is int else ""
+
+
 def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
 
@@ -146,15 +154,16 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     counts = _add_header(outline, header, packer)
     places: dict[str, int] = {}
     for name, value in values.items():
-        is_array, is_float = name in arrays.specs, isinstance(value, float)
+        is_array = name in arrays.specs
         packed = packer.pack(value.tobytes() if is_array else value)
-        size = value.nbytes if is_array else 8 if is_float else 0
+        hole = f"{value.nbytes}s" if is_array else _number_hole(value, packed)
+        size = struct.calcsize(f">{hole}")
         outline.add(packer.pack(name) + packed[: len(packed) - size])
-        if size:
+        if hole:
             places[name] = len(outline.around)
-            outline.end_run("d" if is_float else f"{size}s")
+            outline.end_run(hole)
     outline.end_run()
-    floats = tuple(name for name in places if name not in arrays.specs)
+    numbers = tuple(name for name in places if name not in arrays.specs)
     form = struct.Struct(outline.layout)
     around = tuple(outline.around)
     if form.size != len(payload) or form.unpack(payload)[::2] != around:
@@ -163,9 +172,9 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
         unpack=form.unpack,
         around=around,
         counts=counts,
-        floats=floats,
-        floats_of=getter([places[name] for name in floats]),
-        check_floats=fields_validator(type(message), floats) if floats else None,
+        numbers=numbers,
+        numbers_of=getter([places[name] for name in numbers]),
+        check_numbers=fields_validator(type(message), *numbers) if numbers else None,
         header=header,
         values=dict(message.__dict__),
         arrays=arrays,

@@ -43,12 +43,13 @@ def foot_normal_forces(data: Any, feet: tuple[int, int]) -> Array:
         data: the ``mujoco.MjData``.
         feet: geom ids; left, right.
     """
-    total = dict.fromkeys(feet, 0.0)
+    left = right = 0.0
     for pair, force in normal_forces(data):
-        for geom in pair:
-            if geom in total:
-                total[geom] += force
-    return np.array([*total.values()])
+        if feet[0] in pair:
+            left += force
+        if feet[1] in pair:
+            right += force
+    return np.array((left, right))
 
 
 def geom_contacts(model: Any, data: Any) -> list[GeomContact]:

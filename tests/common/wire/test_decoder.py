@@ -119,15 +119,21 @@ def test_wrong_quaternions_and_counts_are_refused() -> None:
 
 
 def test_numbers_outside_arrays_are_read_and_validated(request: pytest.FixtureRequest) -> None:
-    state = EXAMPLES[ControllerState]
+    state = EXAMPLES[ControllerState].model_copy(update={"setpoint_stamp": 2**40})
     decoder = primed(state)
     wrong = state.model_copy(update={"gait_progress": 1.5})
     with pytest.raises(SchemaError, match="gait_progress: Input should be less than or equal to 1"):
         decoder.decode(encode(wrong, later()))
+    # The header, which comes first, has the same number.
+    header, number, rest = encode(state, later()).rpartition((2**40).to_bytes(8, "big"))
+    too_large = header + b"\xff" * len(number) + rest
+    with pytest.raises(SchemaError, match="setpoint_stamp: Input should be less than 92233720"):
+        decoder.decode(too_large)
     request.getfixturevalue("only_templates")
-    other = state.model_copy(update={"gait_progress": 0.75, "dcm_error": 1e-9})
+    changes = {"gait_progress": 0.75, "dcm_error": 1e-9, "setpoint_stamp": 2**40 + 7}
+    other = state.model_copy(update=changes)
     message = decoder.decode(encode(other, later()))
-    assert (message.gait_progress, message.dcm_error) == (0.75, 1e-9)
+    assert {name: getattr(message, name) for name in changes} == changes
     assert encode(message, later()) == encode(other, later())
 
 
@@ -158,6 +164,7 @@ def test_messages_that_always_differ_are_not_remembered_each_time(
     monkeypatch.setattr(module, "template_of", counted)
     decoder = Decoder(PlantState)
     for number in range(500):
-        message = plant_state().model_copy(update={"reset_count": number})
-        assert decoder.decode(encode(message, later(seq=1000 + number))).reset_count == number
+        mode = f"{number:03d}"
+        message = plant_state().model_copy(update={"torque_mode": mode})
+        assert decoder.decode(encode(message, later(seq=1000 + number))).torque_mode == mode
     assert made == [1000 + 2**k - 1 for k in range(9)]
