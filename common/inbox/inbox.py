@@ -84,8 +84,8 @@ class Inbox:
         self._updated: list[TopicBuffer] = []
         self._arrived = False
         """Whether anything was put, or fell due, that no step has looked at."""
-        self._next_due_ns = 0
-        """Before it no message that a step has looked at falls due [ns]."""
+        self._next_due_ns = 0 if self._linked else NEVER
+        """When the next message that a step has looked at falls due [ns]; 0: not known."""
         self._now = 0
 
     def offer(
@@ -144,9 +144,9 @@ class Inbox:
         It is that of the next message to fall due, or the arrival of one that no step has taken in
         or passed to its link yet. None: nothing waits.
         """
-        if not (self._arrived or self._linked):
-            return None
-        due_ns = min(buffer.queue.next_release_ns for buffer in self._all)
+        due_ns = self._next_due_ns
+        if self._arrived or not due_ns:
+            due_ns = min(buffer.queue.next_release_ns for buffer in self._all)
         return None if due_ns == NEVER else due_ns
 
     def latest(self, topic: Topic[M]) -> M | None:

@@ -6,9 +6,11 @@ limit that of one hinge.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from common.native import kernel
 from common.plant.config import TorqueMode
 from common.robot.joints import (
     EFFORT_RATED,
@@ -30,8 +32,10 @@ LIMIT_FADE = 0.02
 JOINT_TO_MOTOR: Array = (MOTOR_TO_JOINT / MOTOR_TO_JOINT.sum(axis=0)).T
 """(25, 27) mean over the joints of a motor, for positions, velocities and torques."""
 
+_TO_MOTORS: Array = np.ascontiguousarray(JOINT_TO_MOTOR.T)
 _TERMS = 5
 """Of a law: what each motor makes of its position, its velocity, 1, h and h²."""
+_servo: Any = kernel("common.plant._servo")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +75,17 @@ def motor_target(
         stiffness: (27,) [N·m/rad].
         damping: (27,) [N·m·s/rad].
     """
+    if _servo is not None:
+        law = np.empty((_TERMS, NUM_MOTORS))
+        _servo.law(position, velocity, acceleration, torque, stiffness, damping, _TO_MOTORS, law)
+        return Target(stamp_ns, law)
     terms = np.empty((_TERMS, NUM_JOINTS))
     np.negative(stiffness, out=terms[0])
     np.negative(damping, out=terms[1])
     terms[2] = torque + stiffness * position + damping * velocity
     terms[3] = stiffness * velocity + damping * acceleration
     terms[4] = 0.5 * stiffness * acceleration
-    return Target(stamp_ns, terms @ JOINT_TO_MOTOR.T)
+    return Target(stamp_ns, terms @ _TO_MOTORS)
 
 
 def torque_limit(mode: TorqueMode) -> Array:

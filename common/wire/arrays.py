@@ -18,7 +18,8 @@ from common.schemas import Message
 from common.schemas.arrays import UNIT_TOLERANCE, ArraySpec, Float64Array
 from common.wire.schema import array_spec
 
-_FLOAT64 = np.dtype("<f8")
+FLOAT64 = np.dtype("<f8")
+"""Of all arrays on the wire."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def checked_views(data: bytes, layout: ArrayLayout) -> list[Float64Array]:
     Raises:
         SchemaError: an array holds NaN or infinity, or a quaternion is not of unit length.
     """
-    block = np.frombuffer(data, _FLOAT64)
+    block = np.frombuffer(data, FLOAT64)
     views = list(layout.views_of(block))
     # NaN and infinity have all bits of the exponent set, so none is among numbers whose first byte
     # is another one. To look for that byte takes half the time of `isfinite`.

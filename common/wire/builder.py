@@ -37,7 +37,7 @@ def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message
     """
     if has_validators(schema):
         return schema.model_validate
-    validate, assemble = fields_validator(schema, *schema.model_fields), assembler(schema)
+    validate, assemble = fields_validator(schema, tuple(schema.model_fields)), assembler(schema)
     return lambda fields: assemble(validate(fields))
 
 
@@ -67,7 +67,7 @@ def assembler(model: type[B]) -> Callable[[dict[str, Any]], B]:
 
 @cache
 def fields_validator(
-    schema: type[Message], *names: str
+    schema: type[Message], names: tuple[str, ...]
 ) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """Return a function that validates some fields of ``schema``, arrays taken as they are."""
     types: dict[str, Any] = {}

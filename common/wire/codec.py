@@ -17,6 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from common.errors import SchemaError
+from common.native import kernel
 from common.schemas import Header, Message
 from common.wire.arrays import ArrayLayout, array_layout, view_arrays
 from common.wire.builder import message_builder
@@ -26,6 +27,8 @@ from common.wire.schema import describe_array, schema_hash, schema_tag
 __all__ = ["MAX_PAYLOAD", "decode", "encode", "schema_hash", "schema_tag"]
 
 M = TypeVar("M", bound=Message)
+
+_codec: Any = kernel("common.wire._codec")
 
 MAX_PAYLOAD = 64 * 1024 * 1024
 """Longest payload decoded [bytes]."""
@@ -45,6 +48,7 @@ class _Plan:
     Attributes:
         tag: of the schema.
         names: of its fields.
+        body: name, packed name and whether it is an array, of each field but the header.
         prefix: first bytes of every message, up to its header.
         head: length of the map header of everything but the header [bytes].
         arrays: its array fields.
@@ -53,6 +57,7 @@ class _Plan:
 
     tag: str
     names: frozenset[str]
+    body: tuple[tuple[str, bytes, bool], ...]
     prefix: bytes
     head: int
     arrays: ArrayLayout
@@ -76,9 +81,12 @@ def encode_body(message: Message) -> bytes:
     Raises:
         SchemaError: a value does not fit the wire, e.g. an integer beyond 64 bits.
     """
+    plan = _plan(type(message))
+    if _codec is not None and (packed := _codec.pack(plan.body, message.__dict__)) is not None:
+        return cast(bytes, packed)
     fields = dict(message.__dict__)
     del fields["header"]
-    for name in _plan(type(message)).arrays.specs:
+    for name in plan.arrays.specs:
         fields[name] = fields[name].tobytes()
     return _packed(message, fields)
 
@@ -228,12 +236,15 @@ def _identity(tag: str) -> str:
 @cache
 def _plan(schema: type[Message]) -> _Plan:
     """Compute what encoding and decoding ``schema`` need."""
+    arrays, pack = array_layout(schema), msgpack.Packer().pack
+    body = (name for name in schema.model_fields if name != "header")
     return _Plan(
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
+        body=tuple((name, pack(name), name in arrays.specs) for name in body),
         prefix=_prefix(len(schema.model_fields)),
         head=1 if len(schema.model_fields) <= _FIXMAP + 1 else 3,
-        arrays=array_layout(schema),
+        arrays=arrays,
         build=message_builder(schema),
     )
 

@@ -7,7 +7,7 @@ from common.wire.arrays import array_layout
 from common.wire.builder import has_validators
 from common.wire.codec import decode
 from common.wire.schema import schema_tag
-from common.wire.template import Template, template_of
+from common.wire.template import Reader, template_of
 
 M = TypeVar("M", bound=Message)
 
@@ -30,17 +30,17 @@ class Decoder(Generic[M]):
         self._arrays = array_layout(schema)
         # A validator may judge a message by what is in its arrays.
         self._learns = bool(self._arrays.specs) and not has_validators(schema)
-        self._templates: dict[int, Template] = {}
-        """By the size of their messages."""
+        self._readers: dict[int, Reader] = {}
+        """Those of the templates, by the size of their messages."""
         self._misses = 0
         """Messages since the last one that was like a template."""
 
     def decode(self, payload: bytes, tag: str | None = None, injected_ns: int = 0) -> M:
         """Return the message in ``payload``; arguments and errors are those of ``decode``."""
         own = tag is None or tag == self._tag
-        template = self._templates.get(len(payload)) if own else None
-        if template is not None:
-            like = template.read(payload, injected_ns)
+        read = self._readers.get(len(payload)) if own else None
+        if read is not None:
+            like = read(payload, injected_ns)
             if like is not None:
                 self._misses = 0
                 return cast(M, like)
@@ -54,6 +54,6 @@ class Decoder(Generic[M]):
     def _remember(self, payload: bytes, message: M) -> None:
         template = template_of(payload, message, self._arrays)
         if template is not None:
-            if len(self._templates) >= _MAX_TEMPLATES:
-                self._templates.clear()
-            self._templates[len(payload)] = template
+            if len(self._readers) >= _MAX_TEMPLATES:
+                self._readers.clear()
+            self._readers[len(payload)] = template.reader()

@@ -7,17 +7,22 @@ comparison shows that everything around the holes has been checked before, and o
 holes is checked again. That takes half the time of reading the message as if nothing were known.
 """
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import msgpack
+import numpy as np
 from pydantic import ValidationError
 
 from common.errors import SchemaError
+from common.native import kernel
 from common.schemas import Header, Message
-from common.wire.arrays import ArrayLayout, checked_views, getter
+from common.schemas.arrays import UNIT_TOLERANCE
+from common.wire.arrays import FLOAT64, ArrayLayout, checked_views, getter
 from common.wire.builder import assembler, fields_validator
 
 _PLAIN = (bool, int, float, str)
@@ -28,6 +33,10 @@ _END = 2**63
 """Counts are below it."""
 
 _assemble_header = assembler(Header)
+_template: Any = kernel("common.wire._template")
+
+Reader = Callable[[bytes, int], Message | None]
+"""Returns the message in a payload as :meth:`Template.read` does."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +44,10 @@ class Template:
     """A good message, to read others by.
 
     Attributes:
+        schema: type of the message.
         unpack: takes it apart into bytes around the holes and, in between, what is in these.
         around: the bytes around the holes.
+        holes: layout of each, for :mod:`struct`, and the field that it belongs to.
         counts: fields of the header that have a hole; theirs come first.
         numbers: other fields with a hole that are numbers.
         numbers_of: returns what is in their holes.
@@ -48,8 +59,10 @@ class Template:
         assemble: makes a message from checked values.
     """
 
+    schema: type[Message]
     unpack: Callable[[bytes], tuple[Any, ...]]
     around: tuple[bytes, ...]
+    holes: tuple[tuple[str, str], ...]
     counts: tuple[str, ...]
     numbers: tuple[str, ...]
     numbers_of: Callable[[Any], tuple[float, ...]]
@@ -91,6 +104,37 @@ class Template:
             values[name] = view
         return self.assemble(values)
 
+    def reader(self) -> Reader:
+        """Return :meth:`read`, as compiled code if there is any."""
+        if _template is None:
+            return self.read
+        arrays, places, stop = [], {}, 0
+        for name, spec in self.arrays.specs.items():
+            start, stop = stop, stop + math.prod(spec.shape)
+            shape = None if len(spec.shape) == 1 else spec.shape
+            arrays.append((name, slice(start, stop), shape, stop - start, spec.unit))
+            places[name] = 8 * start
+        # Those of the header come first.
+        targets = [0] * len(self.counts)
+        targets += [places.get(name, 1) for _, name in self.holes[len(targets) :]]
+        sizes = [struct.calcsize(f">{hole}") for hole, _ in self.holes]
+        prepared = _template.prepare(
+            self.around,
+            tuple(
+                (hole[-1], size, target, name)
+                for (hole, name), size, target in zip(self.holes, sizes, targets, strict=True)
+            ),
+            tuple(arrays),
+            (Header, set(Header.model_fields), self.header),
+            (self.schema, set(self.schema.model_fields), self.values),
+            self.check_numbers,
+            ValidationError,
+            np.frombuffer,
+            FLOAT64,
+            UNIT_TOLERANCE,
+        )
+        return partial(_template.read, prepared)
+
 
 class _Outline:
     """A message's bytes with holes, as they are collected from its beginning."""
@@ -99,16 +143,20 @@ class _Outline:
         self.layout = ">"
         """Of what was collected, for :mod:`struct`."""
         self.around: list[bytes] = []
+        self.holes: list[tuple[str, str]] = []
+        """Layout and field of each."""
         self._run = b""
 
     def add(self, data: bytes) -> None:
         """Add bytes that stay the same."""
         self._run += data
 
-    def end_run(self, hole: str = "") -> None:
-        """Add a hole of a layout, or nothing at the end of the message."""
+    def end_run(self, hole: str = "", name: str = "") -> None:
+        """Add the hole of a field, with this layout; or nothing, at the end of the message."""
         self.layout += f"{len(self._run)}s{hole}"
         self.around.append(self._run)
+        if hole:
+            self.holes.append((hole, name))
         self._run = b""
 
 
@@ -121,7 +169,7 @@ def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple
         outline.add(packer.pack(name))
         if isinstance(value, int) and packed[0] in _COUNTS:
             outline.add(packed[:1])
-            outline.end_run(_COUNTS[packed[0]])
+            outline.end_run(_COUNTS[packed[0]], name)
             counts.append(name)
         else:
             outline.add(packed)
@@ -157,11 +205,10 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
         is_array = name in arrays.specs
         packed = packer.pack(value.tobytes() if is_array else value)
         hole = f"{value.nbytes}s" if is_array else _number_hole(value, packed)
-        size = struct.calcsize(f">{hole}")
-        outline.add(packer.pack(name) + packed[: len(packed) - size])
+        outline.add(packer.pack(name) + packed[: len(packed) - struct.calcsize(f">{hole}")])
         if hole:
             places[name] = len(outline.around)
-            outline.end_run(hole)
+            outline.end_run(hole, name)
     outline.end_run()
     numbers = tuple(name for name in places if name not in arrays.specs)
     form = struct.Struct(outline.layout)
@@ -169,12 +216,14 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     if form.size != len(payload) or form.unpack(payload)[::2] != around:
         return None
     return Template(
+        schema=type(message),
         unpack=form.unpack,
         around=around,
+        holes=tuple(outline.holes),
         counts=counts,
         numbers=numbers,
         numbers_of=getter([places[name] for name in numbers]),
-        check_numbers=fields_validator(type(message), *numbers) if numbers else None,
+        check_numbers=fields_validator(type(message), numbers) if numbers else None,
         header=header,
         values=dict(message.__dict__),
         arrays=arrays,

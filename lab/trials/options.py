@@ -61,7 +61,7 @@ def add_executor_options(parser: "argparse._ActionsContainer", default_jobs: str
 
 
 def add_trial_options(parser: "argparse._ActionsContainer", physics_steps: int = 1) -> None:
-    """Add the options of :class:`~lab.trials.spec.TrialSettings`.
+    """Add the options of :class:`~lab.trials.spec.TrialSettings`, with the synthetic operator.
 
     Args:
         parser: a parser or a group of options.
@@ -74,6 +74,16 @@ def add_trial_options(parser: "argparse._ActionsContainer", physics_steps: int =
         help="kind of synthetic operator: practised (default), or steady, without tremor or aiming "
         "errors",
     )
+    add_robot_options(parser, physics_steps)
+
+
+def add_robot_options(parser: "argparse._ActionsContainer", physics_steps: int = 1) -> None:
+    """Add the options of :class:`~lab.trials.spec.TrialSettings` but for the operator's.
+
+    Args:
+        parser: a parser or a group of options.
+        physics_steps: default of ``--physics-steps``.
+    """
     parser.add_argument(
         "--torque-mode",
         choices=["relaxed", "rated"],
@@ -109,8 +119,13 @@ def add_link_options(parser: "argparse._ActionsContainer") -> None:
 
 def trial_settings(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the fields of :class:`~lab.trials.spec.TrialSettings` from parsed options."""
+    operator = SyntheticSpec(traits=TRAITS[arguments.traits])
+    return {"operator": operator} | robot_settings(arguments)
+
+
+def robot_settings(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return these fields but for the operator."""
     return {
-        "operator": SyntheticSpec(traits=TRAITS[arguments.traits]),
         "torque_mode": arguments.torque_mode,
         "pace": arguments.pace,
         "physics_steps": arguments.physics_steps,

@@ -100,6 +100,18 @@ class TrialRecord(BaseModel):
     result: TrialResult
 
 
+def read_records(path: Path) -> list[TrialRecord]:
+    """Return the records of a campaign's file, by whatever code; of the same trial the last one.
+
+    Raises:
+        LabError: it cannot be read, or is no such file.
+    """
+    if not path.is_file():
+        raise LabError(f"cannot read {path}: there is no such file")
+    records = {record.spec.key: record for record in JsonLines(path, TrialRecord).read()}
+    return list(records.values())
+
+
 class TrialFile:
     """Keeps the results of a campaign's trials.
 
@@ -164,8 +176,11 @@ def run_trial(codes: Mapping[str, CodeVersion], spec: TrialSpec) -> TrialResult:
     codes[spec.operator.kind].check(trial_code(spec.operator))
     # Robot, controller and operator take long to import, and the workers alone need them.
     from lab.trials.stack import TaskStack
+    from lab.trials.stillness import Stillness
 
-    return TaskStack(spec).run()
+    stack = TaskStack(spec)
+    stillness = Stillness(stack)
+    return stack.run().model_copy(update={"still": stillness.seconds})
 
 
 def run_trials(
@@ -173,7 +188,7 @@ def run_trials(
     file: TrialFile,
     open_executor: Callable[[], Executor],
     *,
-    on_result: Callable[[TrialResult], None] = lambda _result: None,
+    on_result: Callable[[TrialSpec, TrialResult], None] = lambda _spec, _result: None,
     on_message: Callable[[str], None] = lambda _text: None,
 ) -> list[TrialResult]:
     """Run every trial that ``file`` lacks; returns all results in the order of ``specs``.
@@ -182,7 +197,7 @@ def run_trials(
         specs: the trials.
         file: keeps the results.
         open_executor: makes the workers; called only if a trial is to be run.
-        on_result: called with each new result.
+        on_result: called with each new trial and its result.
         on_message: called with what the user should know of the workers.
 
     Raises:
@@ -191,7 +206,7 @@ def run_trials(
 
     def keep(spec: TrialSpec, result: TrialResult) -> None:
         file.add(spec, result)
-        on_result(result)
+        on_result(spec, result)
 
     missing = [spec for spec in specs if file.result(spec) is None]
     if missing:

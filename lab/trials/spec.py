@@ -15,9 +15,12 @@ from pydantic import (
 
 from common.errors import ConfigError, explain
 from common.links.config import Links
-from lab.trials.operators.specs import OperatorSpec, SyntheticSpec
+from lab.trials.operators.specs import NOT_DECIDING, OperatorSpec, SyntheticSpec
 
 M = TypeVar("M", bound=BaseModel)
+
+FALL = "the robot fell"
+"""Reason of the judge when the robot has fallen."""
 
 
 def _check_links(links: Mapping[str, str]) -> dict[str, str]:
@@ -81,8 +84,8 @@ class TrialSpec(TrialSettings):
 
     @property
     def key(self) -> str:
-        """The same text for equal specifications."""
-        return self.model_dump_json()
+        """The same text for trials that go the same."""
+        return self.model_dump_json(exclude={"operator": dict(NOT_DECIDING)})
 
 
 class TrialResult(BaseModel):
@@ -100,6 +103,8 @@ class TrialResult(BaseModel):
         simulated: robot time that was run in all [s].
         wall: wall-clock time that this took [s].
         links: delays under which the trial ran.
+        still: time until the verdict in which neither a set-point moved nor the robot walked [s];
+            None: not measured.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -115,6 +120,12 @@ class TrialResult(BaseModel):
     simulated: float = 0.0
     wall: float = 0.0
     links: Mapping[str, str] = Field(default_factory=dict)
+    still: float | None = None
+
+    @property
+    def fell(self) -> bool:
+        """Whether the robot fell before the verdict."""
+        return self.reason == FALL
 
 
 def format_spread(times: Sequence[float]) -> str:

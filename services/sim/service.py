@@ -1,6 +1,7 @@
 """The simulated plant as a service."""
 
 import logging
+import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -22,6 +23,7 @@ from common.schemas import (
     Sender,
     TaskVerdict,
 )
+from common.schemas.arrays import Float64Array as Array
 from common.tables import overlaid, validated
 from common.topics import (
     ESTOP,
@@ -308,16 +310,15 @@ class PlantService(Service):
         controller = guard.controller or Sender("", 0)
         (first_now, first_robot), (last_now, last_robot) = self._progress[0], self._progress[-1]
         wall = last_now - first_now
-        ages = np.array(plant.command_ages or [0.0])
-        median, p99 = np.percentile(ages, (50.0, 99.0))
+        median, p99 = _percentiles(plant.command_ages, 0.5, 0.99)
         return PlantStatus(
             header=Header(stamp=plant.now_ns),
             guard=guard.mode,
             paused=self.paused,
             fallen=plant.fallen,
             real_time_factor=(last_robot - first_robot) / wall if wall else 0.0,
-            age_at_torque_median=float(median),
-            age_at_torque_p99=float(p99),
+            age_at_torque_median=median,
+            age_at_torque_p99=p99,
             commands_applied=guard.applied,
             commands_refused=guard.refused,
             holds=guard.holds,
@@ -332,3 +333,12 @@ class PlantService(Service):
             stop_reason=guard.stop.reason,
             divergences=self._divergences,
         )
+
+
+def _percentiles(values: Array, *shares: float) -> list[float]:
+    """Return the smallest values that at least these shares of all do not exceed; 0 of none."""
+    if not values.size:
+        return [0.0] * len(shares)
+    ranks = [math.ceil(share * values.size) - 1 for share in shares]
+    # A tenth of the time of `np.percentile`, ten times a second.
+    return [float(value) for value in np.partition(values, ranks)[ranks]]

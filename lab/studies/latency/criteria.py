@@ -8,7 +8,8 @@ from typing import Literal
 from lab.studies.latency.conditions import Condition
 from lab.studies.latency.plan import Plan
 from lab.studies.latency.record import Record, StudyTrial
-from lab.studies.latency.stats import Estimate, paired_difference
+from lab.studies.latency.stats import paired_difference
+from lab.trials.estimates import Estimate
 
 Criterion = Literal["latency", "interpolation"]
 FEWEST_PAIRS = 5

@@ -6,14 +6,11 @@ from pathlib import Path
 from common.errors import ConfigError
 from common.program import run_program
 from common.runtime.live.main import OptionFormatter
-from lab.errors import LabError
-from lab.progress import ProgressBar
 from lab.studies.tasks.table import line, summary
 from lab.trials import options
-from lab.trials.executors import open_executor
 from lab.trials.links import chosen_links
-from lab.trials.results import TrialFile, run_trials
-from lab.trials.spec import TrialResult, TrialSpec
+from lab.trials.shown import run_shown
+from lab.trials.spec import TrialSpec
 from services.sim.tasks import all_tasks
 
 EXAMPLES = """examples:
@@ -96,32 +93,9 @@ def specs(arguments: argparse.Namespace) -> list[TrialSpec]:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run the trials with a progress bar and print the table; returns 0 if all succeeded."""
-    trials = specs(arguments)
-    try:
-        file = TrialFile(arguments.out)
-    except LabError as error:
-        raise ConfigError(f"--out: {error}") from error
-    count = sum(file.result(trial) is not None for trial in trials)
-    with ProgressBar("trials", len(trials)) as bar:
-        if count:
-            bar.say(f"{count} of {len(trials)} trials are in {file.path} already")
-        if file.other_code:
-            bar.say(f"{file.other_code} trials in {file.path} were run by other code: not used")
-        bar.show(count)
-
-        def on_result(result: TrialResult) -> None:
-            nonlocal count
-            count += 1
-            bar.advance()
-            bar.say(f"[{count}/{len(trials)}] {line(result)}")
-
-        results = run_trials(
-            trials,
-            file,
-            lambda: open_executor(arguments.jobs, arguments.ray),
-            on_result=on_result,
-            on_message=bar.say,
-        )
+    results = run_shown(
+        specs(arguments), arguments.out, arguments.jobs, arguments.ray, lambda _, r: line(r)
+    )
     print(summary(results))
     return 0 if all(result.verdict == "success" for result in results) else 1
 

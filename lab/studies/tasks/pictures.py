@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 
 from common.schemas import Message
-from common.topics import PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, Topic
+from common.topics import CAMERA_LEFT, PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS, Topic
 from lab.errors import LabError
 from lab.review.frames import Image, write_picture
 from lab.review.task_contact_sheet import TILE, task_contact_sheet, task_title
@@ -20,7 +20,13 @@ from services.sim.scenes import find_scene
 
 LARGEST = 150_000
 """A JPEG file has at most this size [bytes]."""
-_TOPICS: tuple[Topic[Any], ...] = (PLANT_TRUTH, TASK_SCENE, TASK_STATUS, TELEOP_STATUS)
+_TOPICS: tuple[Topic[Any], ...] = (
+    PLANT_TRUTH,
+    TASK_SCENE,
+    TASK_STATUS,
+    TELEOP_STATUS,
+    CAMERA_LEFT,
+)
 
 
 def record_trial(spec: TrialSpec) -> tuple[TrialResult, Timeline]:

@@ -50,7 +50,15 @@ class _Kind(NamedTuple):
     packages: tuple[str, ...] = ()
 
 
-_KINDS: Final[dict[str, _Kind]] = {"synthetic": _Kind("lab.trials.operators.synthetic")}
+_KINDS: Final[dict[str, _Kind]] = {
+    "synthetic": _Kind("lab.trials.operators.synthetic"),
+    "policy": _Kind(
+        "lab.trials.operators.policy",
+        # The networks are chosen by name.
+        ("services.policy.*",),
+        ("torch", "safetensors", "opencv-python-headless"),
+    ),
+}
 
 
 def build_operator(spec: "TrialSpec") -> OperatorServices:

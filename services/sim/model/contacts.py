@@ -43,13 +43,17 @@ def foot_normal_forces(data: Any, feet: tuple[int, int]) -> Array:
         data: the ``mujoco.MjData``.
         feet: geom ids; left, right.
     """
-    left = right = 0.0
-    for pair, force in normal_forces(data):
-        if feet[0] in pair:
-            left += force
-        if feet[1] in pair:
-            right += force
-    return np.array((left, right))
+    left, right = feet
+    on_left = on_right = 0.0
+    contacts, forces = data.contact, data.efc_force.tolist()
+    for pair, row in zip(contacts.geom.tolist(), contacts.efc_address.tolist(), strict=True):
+        if row < 0:
+            continue
+        if left in pair:
+            on_left += forces[row]
+        if right in pair:
+            on_right += forces[row]
+    return np.array((on_left, on_right))
 
 
 def geom_contacts(model: Any, data: Any) -> list[GeomContact]:

@@ -93,7 +93,7 @@ static PyObject *run(PyObject *module, PyObject *args)
 {
     PyObject *capsule, *law_array;
     long long stamp_ns, now_ns;
-    int most, watch_fall, done = 0, saturated = 0;
+    int most, watch_fall, done = 0, saturated = 0, notable = 0;
     (void)module;
     if (!PyArg_ParseTuple(args, "OOLLip", &capsule, &law_array, &stamp_ns, &now_ns, &most,
                           &watch_fall))
@@ -106,7 +106,7 @@ static PyObject *run(PyObject *module, PyObject *args)
     if (law == NULL)
         return NULL;
     Py_BEGIN_ALLOW_THREADS
-    while (done < most) {
+    while (done < most && !notable) {
         int64_t since = now_ns - stamp_ns;
         since = since < 0 ? 0 : since > s->extrapolation_ns ? s->extrapolation_ns : since;
         s->step1(s->model, s->data);
@@ -114,12 +114,11 @@ static PyObject *run(PyObject *module, PyObject *args)
         s->step2(s->model, s->data);
         now_ns += s->step_ns;
         done++;
-        if (is_notable(s, watch_fall))
-            break;
+        notable = is_notable(s, watch_fall);
     }
     Py_END_ALLOW_THREADS
     PyBuffer_Release(&law_buffer);
-    return Py_BuildValue("ii", done, saturated);
+    return Py_BuildValue("iiO", done, saturated, notable ? Py_True : Py_False);
 }
 
 static PyObject *prepare(PyObject *module, PyObject *args, PyObject *keywords)
@@ -176,7 +175,7 @@ static PyMethodDef methods[] = {
     {"prepare", (PyCFunction)(void (*)(void))prepare, METH_VARARGS | METH_KEYWORDS,
      "Return what run() needs of one plant."},
     {"run", run, METH_VARARGS,
-     "run(prepared, law, stamp_ns, now_ns, most, watch_fall) -> (steps done, saturated ones)"},
+     "run(prepared, law, stamp_ns, now_ns, most, watch_fall) -> (steps, saturated ones, notable)"},
     {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef definition = {

@@ -2,7 +2,6 @@
 
 import logging
 import math
-from collections import deque
 from collections.abc import Callable
 from typing import Any
 
@@ -59,7 +58,6 @@ class Plant:
         trial: of the configured task; None without one. Its clock starts with the first command
             that is applied after a reset.
         view: reads the states of the scene's objects.
-        command_ages: ages of the state behind each of the last 1024 commands when applied [s].
     """
 
     def __init__(self, config: SimConfig | None = None, stop: StopRecord | None = None) -> None:
@@ -80,15 +78,20 @@ class Plant:
             self.view = SceneView(self.model, self.data, self.addresses, scene, None)
         self.guard = Guard(self.config.guard)
         self.servo = Servo(self.config.torque_mode)
-        self.command_ages: deque[float] = deque(maxlen=_AGES_KEPT)
+        self._ages, self._ages_count = np.zeros(_AGES_KEPT), 0
         self._standing = standing_qpos(
             self.model, self.addresses, self.config.standing_com_height, self.config.stance_width
         )
         self._standing_torque = standing_torque(self.model, self.addresses, self._standing)
         # Views of MuJoCo's memory, which it never moves.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
-        self._motor_torque = self.data.ctrl[:NUM_MOTORS]
+        self._ctrl = self.data.ctrl
+        self._motor_torque = self._ctrl[:NUM_MOTORS]
+        self._grippers = self.addresses.grippers.tolist()
         self._physics = PhysicsSteps(self.model, self.data, self.addresses.torso, self.servo)
+        self._positions = np.concatenate((np.arange(7), self.addresses.qpos))
+        self._velocities = np.concatenate((np.arange(6), self.addresses.qvel))
+        self._torque_mode = self.config.torque_mode.value
         self._noiseless = self.config.noise == NoiseConfig()
         self.now_ns = START_NS - PHYSICS_STEP_NS
         self.reset_count = -1
@@ -124,7 +127,7 @@ class Plant:
             self.now_ns, self._qpos[self.addresses.qpos], self._standing_torque
         )
         self._motor_torque[:] = JOINT_TO_MOTOR @ self._standing_torque
-        self.data.ctrl[self.addresses.grippers] = jaw_command(0.0)
+        self._ctrl[self._grippers] = jaw_command(0.0)
         mujoco.mj_forward(self.model, self.data)
 
     def _settle_into_floor(self) -> None:
@@ -145,7 +148,7 @@ class Plant:
 
     def offer(self, command: JointCommand) -> bool:
         """Pass a command through the guard and return whether it is applied."""
-        measured = self._qpos[self.addresses.qpos]
+        measured = self._qpos.take(self.addresses.qpos)
         if not self.guard.offer(command, self.now_ns, measured):
             return False
         stamp = command.header.stamp
@@ -158,10 +161,10 @@ class Plant:
             command.stiffness,
             command.damping,
         )
-        self.data.ctrl[self.addresses.grippers] = [
-            jaw_command(closure) for closure in command.gripper_closure.tolist()
-        ]
-        self.command_ages.append((self.now_ns - stamp) * 1e-9)
+        for motor, closure in zip(self._grippers, command.gripper_closure.tolist(), strict=True):
+            self._ctrl[motor] = jaw_command(closure)
+        self._ages[self._ages_count % _AGES_KEPT] = (self.now_ns - stamp) * 1e-9
+        self._ages_count += 1
         return True
 
     def push(self, force: Array, duration: float) -> None:
@@ -218,10 +221,13 @@ class Plant:
 
     def _move(self, steps: int) -> None:
         """Advance the physics by ``steps``, or fewer if the robot falls or the physics diverges."""
-        done = self._physics.run(self._target, self.now_ns, steps, watch_fall=not self.fallen)
+        done, is_notable = self._physics.run(
+            self._target, self.now_ns, steps, watch_fall=not self.fallen
+        )
         self.steps += done
         self.now_ns += done * PHYSICS_STEP_NS
-        check_state(self.model, self._qpos, self._qvel)
+        if is_notable:
+            check_state(self.model, self._qpos, self._qvel)
         if self._push_until_ns and self.now_ns >= self._push_until_ns:
             self._push_until_ns = 0
             self.data.xfrc_applied[self.addresses.torso, :3] = 0.0
@@ -262,27 +268,30 @@ class Plant:
 
     def truth(self) -> PlantState:
         """Return the exact state now."""
-        addresses, qpos, qvel = self.addresses, self._qpos, self._qvel
+        addresses = self.addresses
+        position, velocity = self._qpos.take(self._positions), self._qvel.take(self._velocities)
         controller = self.guard.controller
-        fingers = qpos[addresses.fingers_qpos].tolist()
+        one, two, three, four = self._qpos.take(addresses.fingers_qpos.ravel()).tolist()
         # Not validated: the shapes are MuJoCo's, and receivers check the numbers.
         return _assemble(
             {
                 "header": Header(stamp=self.now_ns),
-                "base_position": qpos[:3].copy(),
-                "base_quaternion": qpos[3:7].copy(),
-                "base_linear_velocity": qvel[:3].copy(),
-                "base_angular_velocity": qvel[3:6].copy(),
-                "joint_position": qpos.take(addresses.qpos),
-                "joint_velocity": qvel.take(addresses.qvel),
-                "joint_torque": self._motor_torque[_MOTOR_OF_JOINT],
-                "gripper_closure": np.array([jaw_closure(0.5 * (a + b)) for a, b in fingers]),
+                "base_position": position[:3],
+                "base_quaternion": position[3:7],
+                "base_linear_velocity": velocity[:3],
+                "base_angular_velocity": velocity[3:6],
+                "joint_position": position[7:],
+                "joint_velocity": velocity[6:],
+                "joint_torque": self._motor_torque.take(_MOTOR_OF_JOINT),
+                "gripper_closure": np.array(
+                    (jaw_closure(0.5 * (one + two)), jaw_closure(0.5 * (three + four)))
+                ),
                 "foot_normal_force": foot_normal_forces(self.data, addresses.feet),
                 "reset_count": self.reset_count,
                 "guard": self.guard.mode,
                 "fallen": self.fallen,
                 "controller_boot": 0 if controller is None else controller.boot,
-                "torque_mode": self.config.torque_mode.value,
+                "torque_mode": self._torque_mode,
                 "stops": self.guard.stop.stops,
             }
         )
@@ -299,6 +308,11 @@ class Plant:
     def com(self) -> Array:
         """Return the robot's centre of mass (3,) in world after the last physics step [m]."""
         return np.array(self.data.subtree_com[self.addresses.torso])
+
+    @property
+    def command_ages(self) -> Array:
+        """Ages (n,) of the states behind the last commands when applied, at most 1024 [s]."""
+        return self._ages[: self._ages_count]
 
     @property
     def saturated_fraction(self) -> float:

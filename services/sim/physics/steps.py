@@ -76,7 +76,7 @@ class PhysicsSteps:
             fastest_squared=FASTEST**2,
         )
 
-    def run(self, target: Target, now_ns: int, most: int, *, watch_fall: bool) -> int:
+    def run(self, target: Target, now_ns: int, most: int, *, watch_fall: bool) -> tuple[int, bool]:
         """Advance by physics steps up to the first after which the state is worth a look.
 
         It is when the robot is down, or the physics may have diverged.
@@ -88,22 +88,19 @@ class PhysicsSteps:
             watch_fall: whether it matters that the robot is down.
 
         Returns:
-            the number of steps.
+            the number of steps, and whether the state is worth a look after the last.
         """
         if self._prepared is not None:
-            done: int
-            done, saturated = _steps.run(
+            done, saturated, is_notable = _steps.run(
                 self._prepared, target.law, target.stamp_ns, now_ns, most, watch_fall
             )
             self._servo.saturated_steps += saturated
-            return done
-        done = 0
-        while done < most:
+            return done, is_notable
+        for done in range(most):
             self._step(target, now_ns + done * PHYSICS_STEP_NS)
-            done += 1
             if (watch_fall and self.is_down()) or not is_possible(self._qpos, self._qvel):
-                break
-        return done
+                return done + 1, True
+        return most, False
 
     def _step(self, target: Target, now_ns: int) -> None:
         servo = self._servo

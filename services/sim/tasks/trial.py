@@ -30,8 +30,9 @@ TICK_STEPS = 10
 _START_STREAM = 0x7A5C
 """Separates the random numbers of the start from those of the sensor noise."""
 # Not validated: the values are the model's own, and receivers check them.
-_scene_state, _scene_pose = assembler(SceneState), assembler(ScenePose)
-_scene_joint = assembler(SceneJoint)
+_scene_state: Callable[[dict[str, Any]], SceneState] = assembler(SceneState)
+_scene_pose: Callable[[dict[str, Any]], ScenePose] = assembler(ScenePose)
+_scene_joint: Callable[[dict[str, Any]], SceneJoint] = assembler(SceneJoint)
 
 
 class SceneView:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from common.plant import servo as module
 from common.plant.config import TorqueMode
 from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
 from common.robot.joints import JOINT_INDEX, MOTOR_NAMES
@@ -115,3 +116,14 @@ def test_torque_into_a_stop_fades_out(
     out = torque(servo, target(torque=joints(l_ankle_fe=wanted)), STAMP)
     assert out[ANKLE] == pytest.approx(given, abs=1e-9)
     assert servo.saturated_steps == 0
+
+
+@pytest.mark.skipif(module._servo is None, reason="the kernel is not built")
+def test_the_compiled_law_is_that_of_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        parts = 100.0 * rng.normal(size=(6, 27)) * rng.integers(0, 2, (6, 27))
+        compiled = motor_target(STAMP, *parts)
+        with monkeypatch.context() as patch:
+            patch.setattr(module, "_servo", None)
+            assert motor_target(STAMP, *parts).law.tobytes() == compiled.law.tobytes()

@@ -24,6 +24,55 @@ from common.topics import ALL_TOPICS
 from common.wire.codec import MAX_PAYLOAD, decode, encode, schema_hash, schema_tag
 from tests.common.transport.support import HEADER, JOINTS, examples, health, plant_state
 
+pytestmark = pytest.mark.usefixtures("compiled_or_not")
+
+
+class Values(Message):
+    """Every kind of plain value."""
+
+    number: int = 0
+    text: str = ""
+    real: float = 0.0
+    flag: bool = False
+    nothing: None = None
+    mode: GuardMode = GuardMode.HOLD
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        *(
+            {"number": s * (2**k + d)}
+            for k in (5, 7, 8, 15, 16, 31, 32, 63)
+            for s in (1, -1)
+            for d in (-1, 0)
+        ),
+        {"number": 2**64 - 1},
+        *({"text": "é" * size} for size in (15, 16, 127, 128, 32_767, 32_768)),
+        {"real": -0.0, "flag": True},
+        {"real": 1e-308, "flag": True},
+    ],
+)
+def test_plain_values_are_packed_as_msgpack_does(values: dict[str, Any]) -> None:
+    message = Values.model_construct(**values)
+    fields = message.__dict__ | {"header": HEADER.__dict__}
+    assert encode(message, HEADER) == msgpack.packb(fields)
+
+
+@pytest.mark.parametrize(
+    "values", [{"number": 2**64}, {"number": -(2**63) - 1}, {"text": "\ud800"}]
+)
+def test_what_does_not_fit_the_wire_is_refused(values: dict[str, Any]) -> None:
+    with pytest.raises(SchemaError, match=r"Values does not fit the wire: .*; expected 64-bit"):
+        encode(Values.model_construct(**values), HEADER)
+
+
+def test_an_array_that_is_not_contiguous_is_packed_by_value() -> None:
+    state = plant_state()
+    wide = np.repeat(state.joint_position, 2).reshape(-1, 2)
+    strided = state.model_copy(update={"joint_position": wide[:, 0]})
+    assert encode(strided, HEADER) == encode(state, HEADER)
+
 
 def test_examples_cover_every_schema_on_the_bus() -> None:
     assert {type(message) for message in examples()} == {topic.schema for topic in ALL_TOPICS}

@@ -22,6 +22,7 @@ from common.wire.decoder import Decoder
 from common.wire.template import template_of
 from tests.common.transport.support import examples, plant_state
 
+pytestmark = pytest.mark.usefixtures("compiled_or_not")
 HEADER = Header(
     seq=1000, stamp=10**12, captured=2**40, sent=2**41, encode=30_000, boot=2**62, source="sim"
 )
@@ -134,6 +135,7 @@ def test_numbers_outside_arrays_are_read_and_validated(request: pytest.FixtureRe
     other = state.model_copy(update=changes)
     message = decoder.decode(encode(other, later()))
     assert {name: getattr(message, name) for name in changes} == changes
+    assert message.header == later()
     assert encode(message, later()) == encode(other, later())
 
 

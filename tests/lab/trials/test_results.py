@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -22,6 +23,11 @@ SPEC = TrialSpec(task="door/unlock", seed=3, physics_steps=5)
 
 def replace(spec: TrialSpec, **changes: object) -> TrialSpec:
     return spec.model_copy(update=changes)
+
+
+def listener() -> tuple[list[TrialResult], Callable[[TrialSpec, TrialResult], None]]:
+    told: list[TrialResult] = []
+    return told, lambda _spec, found: told.append(found)
 
 
 def nobody() -> LocalExecutor:
@@ -46,8 +52,8 @@ def result(seed: int, verdict: str = "success") -> TrialResult:
 def test_a_kept_trial_is_not_run_again(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    told: list[TrialResult] = []
-    assert run_trials([SPEC], TrialFile(path), nobody, on_result=told.append) == [result(3)]
+    told, tell = listener()
+    assert run_trials([SPEC], TrialFile(path), nobody, on_result=tell) == [result(3)]
     assert told == []
 
 
@@ -163,7 +169,7 @@ def test_trouble_is_no_wrong_option(
     def lost(*_: object, **_options: object) -> None:
         raise TrillError("the worker was lost")
 
-    monkeypatch.setattr("lab.studies.tasks.command.run_trials", lost)
+    monkeypatch.setattr("lab.trials.shown.run_trials", lost)
     assert main(["run", "door/unlock", "--seeds", "0"]) == 1
     assert "the worker was lost" in capsys.readouterr().err
     assert main(["run", "door/unlock", "--out", str(tmp_path)]) == 2
@@ -172,10 +178,13 @@ def test_trouble_is_no_wrong_option(
 def test_a_campaign_runs_what_is_missing(tmp_path: Path) -> None:
     path = tmp_path / "trials.jsonl"
     TrialFile(path).add(SPEC, result(3))
-    told: list[TrialResult] = []
+    told, tell = listener()
     trials = [replace(SPEC, seed=0), SPEC]
     first, second = run_trials(
-        trials, TrialFile(path), lambda: LocalExecutor(1), on_result=told.append
+        trials,
+        TrialFile(path),
+        lambda: LocalExecutor(1),
+        on_result=tell,
     )
     assert (first.seed, first.verdict, second) == (0, "success", result(3))
     assert told == [first]

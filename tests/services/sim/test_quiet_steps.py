@@ -135,14 +135,14 @@ def test_a_divergence_resets_in_its_own_step(monkeypatch: pytest.MonkeyPatch) ->
         marks = iter((323, 408, 469, 10_000))
         mark = next(marks)
 
-        def stepped(physics: Any, target: Target, now_ns: int, most: int, **how: bool) -> int:
+        def stepped(physics: Any, target: Target, now_ns: int, most: int, **how: bool) -> Any:
             nonlocal done, mark
-            steps = advance(physics, target, now_ns, min(most, mark - done), **how)
+            steps, is_notable = advance(physics, target, now_ns, min(most, mark - done), **how)
             done += steps
             if done == mark:
                 service.plant.data.qvel[0] = np.nan
-                mark = next(marks)
-            return steps
+                mark, is_notable = next(marks), True
+            return steps, is_notable
 
         monkeypatch.setattr(PhysicsSteps, "run", stepped)
         runner = SimTimeRunner([service], record=True)

@@ -81,7 +81,7 @@ def test_compiled_steps_are_those_of_python(model: Any, mode: TorqueMode) -> Non
         before = one.servo.saturated_steps
         for robot in (one, other):
             robot.data.qpos[:], robot.data.qvel[:] = qpos, qvel
-            assert robot.steps.run(target, now, 3, watch_fall=False) == 3
+            assert robot.steps.run(target, now, 3, watch_fall=False) == (3, False)
         assert one.state() == other.state()
         saturated += one.servo.saturated_steps > before
         free += one.servo.saturated_steps == before
@@ -92,13 +92,14 @@ def test_compiled_steps_are_those_of_python(model: Any, mode: TorqueMode) -> Non
 def test_steps_end_where_the_state_is_worth_a_look(model: Any, compiled: bool) -> None:
     limp = Target(STAMP, np.zeros((5, NUM_MOTORS)))
     robot = Robot(model, compiled=compiled)
-    assert robot.steps.run(limp, STAMP, 7, watch_fall=True) == 7
-    fell = robot.steps.run(limp, STAMP, 5000, watch_fall=True)
+    assert robot.steps.run(limp, STAMP, 7, watch_fall=True) == (7, False)
+    steps, is_notable = robot.steps.run(limp, STAMP, 5000, watch_fall=True)
     assert robot.steps.is_down()
-    assert 100 < fell < 1000
-    assert robot.steps.run(limp, STAMP, 7, watch_fall=False) == 7
+    assert is_notable
+    assert 100 < steps < 1000
+    assert robot.steps.run(limp, STAMP, 7, watch_fall=False) == (7, False)
     robot.data.qvel[0] = np.nan
-    assert robot.steps.run(limp, STAMP, 7, watch_fall=False) == 1
+    assert robot.steps.run(limp, STAMP, 7, watch_fall=False) == (1, True)
 
 
 def test_a_fall_ends_the_steps_in_the_same_step_either_way(model: Any) -> None:
@@ -109,6 +110,6 @@ def test_a_fall_ends_the_steps_in_the_same_step_either_way(model: Any) -> None:
         singly = 0
         while not robot.steps.is_down():
             now = STAMP + singly * PHYSICS_STEP_NS
-            singly += robot.steps.run(limp, now, 1 if compiled else 5000, watch_fall=True)
+            singly += robot.steps.run(limp, now, 1 if compiled else 5000, watch_fall=True)[0]
         falls.append(singly)
     assert falls[0] == falls[1]

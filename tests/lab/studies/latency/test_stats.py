@@ -3,7 +3,8 @@ import sys
 
 import pytest
 
-from lab.studies.latency.stats import mean_estimate, paired_difference, proportion, summarise
+from lab.studies.latency.stats import paired_difference, summarise
+from lab.trials.estimates import mean_estimate, proportion
 from tests.lab.studies.latency.support import NAMES, trial, trials
 
 

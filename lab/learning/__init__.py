@@ -1,0 +1,1 @@
+"""Learning from demonstrations: training policies and evaluating them."""

@@ -1,0 +1,1 @@
+"""Evaluates policies: trials of the scored tasks, tables, films of failures."""
