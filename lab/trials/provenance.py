@@ -21,7 +21,8 @@ from lab.errors import LabError
 ROOT = Path(__file__).resolve().parents[2]
 _WALKED = ("services.sim.tasks.*",)
 """Packages whose modules are found by walking, not by an import statement."""
-_DATA = {".xml", ".json", ".toml", ".npy", ".npz", ".stl", ".obj", ".png"}
+_DATA = {".xml", ".json", ".toml", ".npy", ".npz", ".stl", ".obj", ".png", ".c", ".h"}
+"""Suffixes of what counts beside a module: data, and the sources of compiled kernels."""
 _TIMEOUT = 10.0
 _NAME = re.compile(r"\w+")
 _COMMENT = re.compile(r"#.*")
