@@ -162,6 +162,16 @@ def test_a_pickle_is_never_unpickled(tmp_path: Path, archive: bool) -> None:
     assert not ran.exists()
 
 
+def test_a_network_whose_file_begins_like_a_pickle_is_read(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    tensors = load((folder / NETWORK).read_bytes())
+    # The first byte is of the header's length.
+    files = (save(tensors, {"about": "x" * length}) for length in range(0, 512, 8))
+    replace(folder, NETWORK, next(file for file in files if file[0] == 0x80))
+    network, _ = load_checkpoint(folder)
+    assert torch.equal(network.state_dict()["mlp.0.bias"], tensors["mlp.0.bias"])
+
+
 def _renamed(tensors: dict[str, Any]) -> None:
     tensors["mlp.9.bias"] = tensors.pop("mlp.0.bias")
 
