@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("torch")
 pytest.importorskip("safetensors")
 
-from verification.faults.inference import DOUBLED, FAULTS, Inference  # noqa: E402
+from verification.faults.inference import DOUBLED, FAULTS, Inference
 
 
 def test_a_robot_holds_without_its_inference_server_and_goes_on_by_itself() -> None:
