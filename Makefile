@@ -67,7 +67,8 @@ lint: $(STAMP) ## check style, types and the import rules
 
 setup: $(STAMP) ## create .venv and install the packages, without running anything
 
-clean: ## delete .venv and caches; runs/ stays
+clean: ## delete .venv, compiled kernels and caches; runs/ stays
+	find common services -name '*.abi3.so' -delete
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 
 $(STAMP): pyproject.toml deploy/setup.sh
