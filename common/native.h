@@ -30,6 +30,39 @@ static inline double *native_doubles(PyObject *array, Py_ssize_t count, int writ
     return NULL;
 }
 
+/* An array among a function's arguments. */
+typedef struct {
+    const char *name;
+    Py_ssize_t count;
+    int writable;
+    void *place; /* address of the double * (or const double *) that becomes its memory */
+} NativeArray;
+
+static inline void native_release(Py_buffer *buffers, int count)
+{
+    while (count-- > 0)
+        PyBuffer_Release(&buffers[count]);
+}
+
+/* Get `count` arrays from a tuple of arguments, beginning with the one at `first`. Returns 0 with an
+ * exception set and nothing held, or 1; native_release() then releases them. */
+static inline int native_take(PyObject *arguments, int first, const NativeArray *arrays, int count,
+                              Py_buffer *buffers)
+{
+    for (int i = 0; i < count; i++) {
+        PyObject *array = PyTuple_GetItem(arguments, first + i);
+        double *memory = array == NULL ? NULL
+                                       : native_doubles(array, arrays[i].count, arrays[i].writable,
+                                                        arrays[i].name, &buffers[i]);
+        if (memory == NULL) {
+            native_release(buffers, i);
+            return 0;
+        }
+        memcpy(arrays[i].place, &memory, sizeof memory);
+    }
+    return 1;
+}
+
 /* Add what the loader compares with the source; returns the module, or NULL with an exception. */
 static inline PyObject *native_module(struct PyModuleDef *definition)
 {

@@ -89,6 +89,7 @@ ENVIRONMENT: Mapping[str, str] = {
     "TRILL_CONNECT": "`[bus] connect`, likewise",
     "TRILL_LINKS": "`[links]` as `name=spec; name=spec`; `;;` separates sources, the later wins",
     "TRILL_RT_PRIORITY": "`[runtime] rt_priority`",
+    "TRILL_NATIVE": "no key; `0`: Python does the work of the compiled kernels",
 }
 """Variables that every service reads."""
 

@@ -39,6 +39,7 @@ EXAMPLES = """examples:
   python -m lab.studies.tasks run door/unlock --seeds 0:25 --physics-steps 5 --link none \\
       --out runs/operator.jsonl
   trill eval CHECKPOINT --operator runs/operator.jsonl   how much longer than the operator
+  trill study policies                                   tables of everything in runs/evaluations
 """
 
 

@@ -252,7 +252,7 @@ static void refine(const Qp *qp, Work *w, double *x)
 {
     const int n = qp->variables, hard = qp->hard_variables;
     double gradient[MOST_VARIABLES], row[MOST_VARIABLES], missing[MOST_VARIABLES];
-    double unused[MOST_VARIABLES];
+    double shares[MOST_VARIABLES];
     for (int i = 0; i < n; i++)
         gradient[i] = i < qp->dense ? -qp->q[i] - dot(&qp->P[i * hard], x, qp->dense)
                       : i < hard    ? -qp->q[i] - qp->P[i * (hard + 1)] * x[i]
@@ -264,7 +264,7 @@ static void refine(const Qp *qp, Work *w, double *x)
         add_multiple(gradient, b->multiplier, row, n);
     }
     forward(qp, w, gradient);
-    project(w, gradient, unused, n);
+    project(w, gradient, shares, n);
     for (int k = 0; k < w->count; k++) {
         double share = (missing[k] - dot(w->R[k], missing, k)) / w->R[k][k];
         missing[k] = share;
@@ -307,15 +307,14 @@ enum { ARRAYS = 8 };
 
 static PyObject *solve(PyObject *module, PyObject *arguments)
 {
-    static const char *const names[ARRAYS] = {"P", "q", "A", "l", "u", "B", "b", "x"};
     PyObject *objects[ARRAYS];
     Py_buffer views[ARRAYS];
-    double *arrays[ARRAYS];
+    double *result;
     Qp qp;
     (void)module;
     if (!PyArg_ParseTuple(arguments, "OOOOOOOOiidd", &objects[0], &objects[1], &objects[2],
-                          &objects[3], &objects[4], &objects[5], &objects[6], &objects[7],
-                          &qp.dense, &qp.equalities, &qp.slack_weight, &qp.tolerance))
+                          &objects[3], &objects[4], &objects[5], &objects[6], &objects[7], &qp.dense,
+                          &qp.equalities, &qp.slack_weight, &qp.tolerance))
         return NULL;
     const Py_ssize_t hard = PyObject_Size(objects[1]), rows = PyObject_Size(objects[3]);
     const Py_ssize_t soft = PyObject_Size(objects[6]);
@@ -329,29 +328,25 @@ static PyObject *solve(PyObject *module, PyObject *arguments)
                             "soft rows: expected at most %d, %d and %d variables and rows in all",
                             hard, qp.dense, rows, qp.equalities, soft, MOST_VARIABLES, MOST_DENSE,
                             MOST_ROWS);
-    const Py_ssize_t sizes[ARRAYS] = {hard * hard, hard,            hard * rows, rows,
-                                      rows,        qp.dense * soft, soft,        hard};
-    int taken = 0, binding = -1;
-    while (taken < ARRAYS && (arrays[taken] = native_doubles(objects[taken], sizes[taken],
-                                                             taken == ARRAYS - 1, names[taken],
-                                                             &views[taken])) != NULL)
-        taken++;
-    if (taken == ARRAYS) {
-        double x[MOST_VARIABLES];
-        Work work;
-        qp.hard_variables = (int)hard;
-        qp.variables = (int)(hard + soft);
-        qp.rows = (int)rows;
-        qp.soft = (int)soft;
-        qp.P = arrays[0], qp.q = arrays[1], qp.A = arrays[2], qp.l = arrays[3];
-        qp.u = arrays[4], qp.B = arrays[5], qp.b = arrays[6];
-        binding = minimise(&qp, &work, x);
-        if (binding >= 0)
-            memcpy(arrays[7], x, hard * sizeof(double));
-    }
-    while (taken-- > 0)
-        PyBuffer_Release(&views[taken]);
-    return PyErr_Occurred() ? NULL : PyLong_FromLong(binding);
+    const NativeArray arrays[ARRAYS] = {
+        {"P", hard * hard, 0, &qp.P}, {"q", hard, 0, &qp.q},
+        {"A", hard * rows, 0, &qp.A}, {"l", rows, 0, &qp.l},
+        {"u", rows, 0, &qp.u},        {"B", qp.dense * soft, 0, &qp.B},
+        {"b", soft, 0, &qp.b},        {"x", hard, 1, &result},
+    };
+    if (!native_take(arguments, 0, arrays, ARRAYS, views))
+        return NULL;
+    qp.hard_variables = (int)hard;
+    qp.variables = (int)(hard + soft);
+    qp.rows = (int)rows;
+    qp.soft = (int)soft;
+    double x[MOST_VARIABLES];
+    Work work;
+    const int binding = minimise(&qp, &work, x);
+    if (binding >= 0)
+        memcpy(result, x, hard * sizeof(double));
+    native_release(views, ARRAYS);
+    return PyLong_FromLong(binding);
 }
 
 static PyMethodDef methods[] = {

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.schemas.arrays import Float64Array as Array
+from services.wbc.layout import NV
 from services.wbc.qp import BOUNDS, CONES, INFINITY, NORMAL, NUM_VARIABLES, TORQUE, QpData
-from services.wbc.robot_model import NV
 from services.wbc.solvers import EQUALITIES, SLACK_WEIGHT, Solution, Solver
 
 Indices = NDArray[np.intp]

@@ -17,19 +17,17 @@ from common.robot import joints
 from common.robot.frames import COLLISION_SUFFIX
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import ModelError
+from services.wbc.layout import ARM_COLUMNS, NV
 
-NV = 6 + joints.NUM_MOTORS
-"""Dimension of the robot's reduced velocity."""
 JOINTS_OF_MOTORS = np.zeros((6 + joints.NUM_JOINTS, NV))
 JOINTS_OF_MOTORS[:6, :6], JOINTS_OF_MOTORS[6:, 6:] = np.eye(6), joints.MOTOR_TO_JOINT
 """(33, 31) v = G v_r."""
-MOTORS_OF_LEGS = 12
+FLOATING = 1
+"""Index of the floating base among the joints; it moves all parts alike."""
 REACH = 0.06
 """Distance up to which a pair of parts is reported [m]."""
 UPPER_ARM_REACH = 0.035
 """The same for an upper arm, which is 0.05 m from the trunk when the arm hangs, but is slow [m]."""
-LEVER = 0.7
-"""No point of a part is farther from the axis of a joint that moves it [m]."""
 HULLS = {
     "trunk": ("chest", "pelvis", "yoke"),
     **{f"{side}_hand": tuple(f"{side}_{part}" for part in ("palm", "finger_a", "finger_b"))
@@ -74,6 +72,9 @@ class ClearanceModel:
         model: the robot with locked fingers and merged knees.
         geometry: its collision geoms.
 
+    Attributes:
+        levers: (pairs, 27) no joint changes the distance of a pair faster than this [m].
+
     Raises:
         ModelError: a geom is missing.
     """
@@ -82,13 +83,14 @@ class ClearanceModel:
         self._model, self._geometry = model, geometry
         for name, parts in HULLS.items():
             self._add_hull(name, parts)
-        moved = []
+        moved, levers = [], []
         for pair in PAIRS:
             first, second = (self._index(part) for part in pair)
             geometry.addCollisionPair(pin.CollisionPair(first, second))
-            moved.append(self._moved_by(second) - self._moved_by(first))
-        self._moved = np.array(moved)
-        self._levers = LEVER * np.abs(self._moved[:, 6:])
+            one, other = self._levers_of(first), self._levers_of(second)
+            moved.append(np.sign(other) - np.sign(one))
+            levers.append((one + other) * np.abs(moved[-1]))
+        self._moved, self.levers = np.array(moved), np.array(levers)[:, 6:]
         self._data = geometry.createData()
         self._reach = np.array(
             [UPPER_ARM_REACH if "upper" in first else REACH for first, _ in PAIRS]
@@ -98,9 +100,9 @@ class ClearanceModel:
         self._position = np.zeros((len(PAIRS), joints.NUM_JOINTS))
         # The pairs that the legs move too, and the others: none of them comes within reach before
         # the joints have turned far enough from where all were checked.
-        legs = self._levers[:, : joints.LEFT_ARM.start].any(axis=1)
+        legs = self.levers[:, : joints.LEFT_ARM.start].any(axis=1)
         self._groups = (np.flatnonzero(legs), np.flatnonzero(~legs))
-        self._longest_levers = np.array([self._levers[g].max(axis=0) for g in self._groups])
+        self._longest_levers = np.array([self.levers[g].max(axis=0) for g in self._groups])
         self._checked, self._far = np.zeros(joints.NUM_JOINTS), np.zeros(2)
 
     def _index(self, part: str) -> int:
@@ -121,13 +123,21 @@ class ClearanceModel:
         part = pin.GeometryObject(name + COLLISION_SUFFIX, parent, pin.SE3.Identity(), hull)
         self._geometry.addGeometryObject(part)
 
-    def _moved_by(self, index: int) -> Array:
-        """Return 1 for each velocity (33,) that moves a geom relative to the base, 0 for others."""
-        moved = np.zeros(6 + joints.NUM_JOINTS)
-        for joint in self._model.supports[self._geometry.geometryObjects[index].parentJoint]:
-            moved[self._model.joints[joint].idx_vExtended] = 1.0
-        moved[:6] = 0.0
-        return moved
+    def _levers_of(self, index: int) -> Array:
+        """Return how far from each joint (33,) that moves a geom its points can be; 0 for others.
+
+        A point is at most as far as the links between are long, however they are bent [m].
+        """
+        geom = self._geometry.geometryObjects[index]
+        geom.geometry.computeLocalAABB()
+        centre = geom.placement.act(geom.geometry.aabb_center)
+        lever = float(np.linalg.norm(centre)) + geom.geometry.aabb_radius
+        levers, joint = np.zeros(6 + joints.NUM_JOINTS), geom.parentJoint
+        while joint > FLOATING:
+            levers[self._model.joints[joint].idx_vExtended] = lever
+            lever += float(np.linalg.norm(self._model.jointPlacements[joint].translation))
+            joint = self._model.parents[joint]
+        return levers
 
     def update(self, data: pin.Data, position: Array, velocity: Array) -> Clearance:
         """Return the pairs within reach.
@@ -149,13 +159,15 @@ class ClearanceModel:
                 point, normal = result.getNearestPoint1(), result.normal
                 near.append(index)
                 lines.append((*normal, *pin.skew(point).dot(normal)))
+        if not near:
+            return _NOTHING_NEAR
         # Both nearest points lie on one line along the normal, of which these are the coordinates:
         # their product with a joint's axis is the velocity of either point along the normal.
         # Those of the model are of each hinge.
-        jacobian = np.array(lines).reshape(-1, 6).dot(data.J) * self._moved[near]
+        jacobian = np.array(lines).dot(data.J) * self._moved[near]
         jacobian = jacobian.dot(JOINTS_OF_MOTORS)
         rate = jacobian.dot(velocity)
-        jacobian[:, : 6 + MOTORS_OF_LEGS] = 0.0
+        jacobian[:, : ARM_COLUMNS.start] = 0.0
         return Clearance([PAIRS[i] for i in near], self._measured[near], rate, jacobian)
 
     def _perhaps_near(self, position: Array) -> list[int]:
@@ -166,8 +178,7 @@ class ClearanceModel:
         nearest = self._far - self._longest_levers.dot(np.abs(position - self._checked))
         if min(nearest.tolist()) > 0.0:
             return []
-        turned = np.abs(position - self._position)
-        approach = (turned * self._levers).sum(axis=1)
+        approach = np.einsum("ij,ij->i", np.abs(position - self._position), self.levers)
         distance = self._measured - approach - self._reach
         self._checked, self._far = position, np.array([distance[g].min() for g in self._groups])
         perhaps = np.flatnonzero(distance < 0.0)

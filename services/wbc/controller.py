@@ -1,14 +1,13 @@
 """The whole-body controller without a bus: measured state and set-points in, joint command out."""
 
 from dataclasses import dataclass
-from math import hypot
+from math import asin, hypot, sqrt
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
 from common.robot import joints
-from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas import ControlState, Gait, PlantState, Setpoint
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.config import WbcConfig
@@ -16,19 +15,11 @@ from services.wbc.dcm import GRAVITY, natural_frequency
 from services.wbc.dual_method import controller_solver
 from services.wbc.handover import HandOver, Target
 from services.wbc.hands import HandReference
+from services.wbc.layout import COM, FEET, HANDS, NV, TORSO
 from services.wbc.locomotion import Locomotion
 from services.wbc.qp import QpBuilder, QpData
 from services.wbc.references import BodyReference
-from services.wbc.robot_model import (
-    COM,
-    FEET,
-    HANDS,
-    NV,
-    TORSO,
-    Dynamics,
-    RobotModel,
-    RobotState,
-)
+from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 from services.wbc.solvers import Solution, Solver
 from services.wbc.tasks import POSTURE, TaskStack
 
@@ -174,24 +165,20 @@ class Controller:
         return command, self._report(dynamics, body, solution, stages)
 
     def _fill_tasks(self, dynamics: Dynamics, body: BodyReference, time: float) -> None:
-        stack = self.stack
-        np.subtract(body.com, dynamics.com_position, out=stack.error[COM])
+        stack, torso = self.stack, body.torso
+        stack.position[COM], stack.rotation[0] = body.com, torso.rotation
         stack.velocity[COM], stack.acceleration[COM] = body.com_velocity, body.com_acceleration
-        torso = body.torso
-        stack.error[TORSO] = rotation_vector_from_matrix(
-            torso.rotation.dot(dynamics.base_rotation.T)
-        )
         stack.velocity[TORSO], stack.acceleration[TORSO] = torso.rate, torso.acceleration
-        self._hand_tasks(dynamics, time)
+        self._hand_tasks(time)
         tasks = self.config.tasks
         light, heavy = tasks.foot_weight_swing, tasks.foot_weight_stance
         for side, rows in enumerate(FEET):
-            stack.follow_foot(side, dynamics.feet[side], body.swing[side])
+            stack.follow_foot(side, body.swing[side])
             stack.weight[rows] = light + body.load[side] * (heavy - light)
-        np.subtract(self._posture_target, dynamics.motor_position[12:], out=stack.error[POSTURE])
+        stack.position[POSTURE] = self._posture_target
         stack.finish(dynamics)
 
-    def _hand_tasks(self, dynamics: Dynamics, time: float) -> None:
+    def _hand_tasks(self, time: float) -> None:
         tasks = self.config.tasks
         balancing = self.locomotion.state is ControlState.BALANCE
         goal = tasks.hand_weight_balancing if balancing else tasks.hand_weight_walking
@@ -200,9 +187,9 @@ class Controller:
             step = span / (tasks.hand_weight_ramp * self.config.rate)
             self.hand_weight += min(max(goal - self.hand_weight, -step), step)
         weight = self.hand_weight * self._hand_shares
-        for rows, kinematics, hand in zip(HANDS, dynamics.hands, self.hands, strict=True):
-            self.stack.follow(rows, kinematics, hand.at(time))
-            self.stack.weight[rows] = weight
+        for side, hand in enumerate(self.hands):
+            self.stack.follow(side, hand.at(time))
+            self.stack.weight[HANDS[side]] = weight
 
     def _force_share(self, body: BodyReference) -> tuple[float, float]:
         weight = self.model.mass * GRAVITY
@@ -255,16 +242,19 @@ class Controller:
         solution: Solution,
         stages: dict[str, float],
     ) -> TickReport:
-        dcm = dynamics.com_position[:2] + dynamics.com_velocity[:2] / self._omega - body.dcm
+        # In plain numbers: for two or three of them numpy takes longer.
+        (x, y, _), (vx, vy, _) = dynamics.com_position.tolist(), dynamics.com_velocity.tolist()
+        dcm_x, dcm_y = body.dcm.tolist()
         errors = []
         for hand, kinematics in zip(self.hands, dynamics.hands, strict=True):
             position, rotation = hand.target
-            offset = position - kinematics.position
-            turn = rotation_vector_from_matrix(rotation.dot(kinematics.rotation.T))
-            errors.append((hypot(*offset.tolist()), hypot(*turn.tolist())))
+            offset, turn = position - kinematics.position, (rotation - kinematics.rotation).ravel()
+            # The Frobenius norm of a difference of rotations is sqrt(8) sin(angle / 2).
+            sine = min(1.0, sqrt(turn.dot(turn) / 8.0))
+            errors.append((sqrt(offset.dot(offset)), 2.0 * asin(sine)))
         return TickReport(
             stages,
-            hypot(*dcm.tolist()),
+            hypot(x + vx / self._omega - dcm_x, y + vy / self._omega - dcm_y),
             np.array(errors),
             dynamics.com_position,
             solution.solved,

@@ -19,6 +19,8 @@ from common.schemas.arrays import Float64Array as Array
 GRAVITY = 9.81
 GRID = 0.002
 """Spacing of the planned references [s]."""
+BLOCK = 64
+"""Number of grid points that are integrated at once."""
 TAIL = 2.0
 """Rest appended to a plan so that the CoM has converged to the DCM when it ends [s]."""
 
@@ -122,14 +124,25 @@ def first_order(start: Array, drive: Array, decay: float) -> Array:
         decay: factor of the previous value.
 
     Returns:
-        (n + 1, m), bit for bit what ``scipy.signal.lfilter`` computes. Importing that package
+        (n + 1, m), what ``scipy.signal.lfilter`` computes, but for rounding. Importing that package
         would keep a restarted controller from its robot for seconds.
     """
-    columns = [
-        list(accumulate(inputs, lambda y, u: decay * y + u, initial=first))
-        for first, inputs in zip(start.tolist(), drive.T.tolist(), strict=True)
+    count, width = drive.shape
+    blocks = -(-count // BLOCK)
+    inputs = np.zeros((blocks * BLOCK, width))
+    inputs[:count] = drive
+    # Blocks are integrated side by side, each from zero; one value of each is carried to the next.
+    lag = np.subtract.outer(np.arange(BLOCK), np.arange(BLOCK))
+    response = np.where(lag >= 0, decay ** np.abs(lag), 0.0)
+    alone = response @ inputs.reshape(blocks, BLOCK, width)
+    over = decay**BLOCK
+    carried = [
+        list(accumulate(ends, lambda y, u: over * y + u, initial=first))
+        for first, ends in zip(start.tolist(), alone[:, -1].T.tolist(), strict=True)
     ]
-    return np.array(columns).T.copy()
+    begun = np.array(carried).T[:-1, None]
+    result = alone + (decay ** np.arange(1, BLOCK + 1))[:, None] * begun
+    return np.vstack((start, result.reshape(-1, width)[:count]))
 
 
 def _vrp_grid(

@@ -11,8 +11,8 @@ import numpy as np
 
 from common.native import kernel
 from services.wbc.active_set import TOLERANCE, ActiveSet
+from services.wbc.layout import NV
 from services.wbc.qp import NUM_VARIABLES, QpData
-from services.wbc.robot_model import NV
 from services.wbc.solvers import (
     EQUALITIES,
     SLACK_WEIGHT,

@@ -55,8 +55,8 @@ class _FootEstimate:
         self._count = min(self._count + 1, self._samples)
         gain = 1.0 / self._count
         # In plain numbers: for three of them numpy takes longer.
-        for i, (mean, now) in enumerate(zip(self._position, position.tolist(), strict=True)):
-            self._position[i] = mean + gain * (now - mean)
+        (x, y, z), (a, b, c) = self._position, position.tolist()
+        self._position = [x + gain * (a - x), y + gain * (b - y), z + gain * (c - z)]
         self.yaw = wrap_angle(self.yaw + gain * wrap_angle(yaw - self.yaw))
 
 

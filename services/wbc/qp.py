@@ -16,11 +16,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from common.native import kernel
 from common.robot import joints
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.clearance import Clearance
 from services.wbc.config import ContactConfig, WbcConfig
-from services.wbc.robot_model import NUM_MOTORS, NV, Dynamics
+from services.wbc.layout import ARMS, NUM_MOTORS, NV
+from services.wbc.robot_model import Dynamics
 from services.wbc.tasks import TaskStack
 
 CONE_ROWS = 17
@@ -33,9 +35,8 @@ CONES = slice(NV, NV + 2 * CONE_ROWS)
 NORMAL = slice(NV + 2 * CONE_ROWS, NV + 2 * CONE_ROWS + 2)
 BOUNDS = slice(NORMAL.stop, NORMAL.stop + NUM_MOTORS)
 NUM_CONSTRAINTS = BOUNDS.stop
-ARMS = slice(12, 24)
-"""Motors of both arms; :data:`ARM_BOUNDS` are the rows of their accelerations."""
 ARM_BOUNDS = slice(BOUNDS.start + ARMS.start, BOUNDS.start + ARMS.stop)
+"""Rows of the arms' accelerations."""
 INFINITY = 1e20
 SEPARATION_MAX = 50.0
 """Limit of the acceleration at which near parts are made to separate [m/s²]."""
@@ -110,6 +111,12 @@ class QpBuilder:
         )
         self.data = QpData()
         self._write_constants()
+        self._compiled = kernel("services.wbc._qp")
+        self._scalars = (
+            config.tasks.acceleration_regulariser, config.tasks.force_reference_weight,
+            limits.joint_stiffness, limits.joint_damping, limits.acceleration_max,
+            AIRBORNE, INFINITY,
+        )  # fmt: skip
 
     def _write_constants(self) -> None:
         data, tasks = self.data, self._config.tasks
@@ -149,6 +156,30 @@ class QpBuilder:
             normal_force_max: upper bound of each foot's normal force [N].
             normal_force_desired: f_r^d of eq. 1, normal components [N].
         """
+        if self._compiled is None:
+            self._fill(dynamics, stack, normal_force_max, normal_force_desired)
+        else:
+            data = self.data
+            self._compiled.fill(
+                data.P, data.q, data.A, data.l, data.u, stack.rows, stack.weight,
+                dynamics.motor_position, dynamics.motor_velocity, dynamics.mass_matrix,
+                dynamics.bias_force, dynamics.sole_jacobians, self._highest_torque,
+                self._arm_limits, *normal_force_max, *normal_force_desired, *self._scalars,
+            )  # fmt: skip
+        clearance = dynamics.clearance
+        self.data.B, self.data.b = clearance.jacobian, clearance.distance
+        if clearance.pairs:
+            self.data.b = self._apart(clearance)
+        return self.data
+
+    def _fill(
+        self,
+        dynamics: Dynamics,
+        stack: TaskStack,
+        normal_force_max: tuple[float, float],
+        normal_force_desired: tuple[float, float],
+    ) -> None:
+        """Write what the kernel does, where it is not built."""
         data = self.data
         data.P[:NV, :NV], data.q[:NV] = stack.quadratic()
         self._diagonal += self._regulariser
@@ -167,11 +198,6 @@ class QpBuilder:
         np.subtract(self._lowest_torque, dynamics.bias_force, out=self._lowest)
         np.subtract(self._highest_torque, dynamics.bias_force, out=self._highest)
         data.l[ARM_BOUNDS], data.u[ARM_BOUNDS] = self._arm_bounds(dynamics)
-        clearance = dynamics.clearance
-        data.B, data.b = clearance.jacobian, clearance.distance
-        if clearance.pairs:
-            data.b = self._apart(clearance)
-        return data
 
     def _apart(self, clearance: Clearance) -> Array:
         """Return the accelerations (k,) at which near parts must at least separate [m/s²].

@@ -13,8 +13,8 @@ import numpy as np
 
 from common.schemas.arrays import Float64Array as Array
 from services.wbc.errors import SolverUnavailableError
+from services.wbc.layout import NV
 from services.wbc.qp import BOUNDS, INFINITY, NUM_CONSTRAINTS, NUM_VARIABLES, QpData
-from services.wbc.robot_model import NV
 
 EQUALITIES = 6
 """Number of equalities, the first rows of A."""

@@ -14,7 +14,7 @@ from services.wbc.config import WbcConfig
 from services.wbc.dcm import natural_frequency
 from services.wbc.footsteps import Side, Stance
 from services.wbc.references import BodyReference, SwingPair, force_limits, heading
-from services.wbc.robot_model import Dynamics, FrameKinematics
+from services.wbc.robot_model import Dynamics, FramePose
 from services.wbc.swing import SwingTrajectory, minimum_jerk
 
 RAISED = 0.015
@@ -77,7 +77,7 @@ class Takeover:
             foot.position.copy(), foot.rotation.copy(), ground, level, 0.0, lower
         )
 
-    def _capturable(self, dynamics: Dynamics, standing: FrameKinematics) -> bool:
+    def _capturable(self, dynamics: Dynamics, standing: FramePose) -> bool:
         """Return whether the DCM is over the standing sole with a margin."""
         omega = natural_frequency(self._config.gait.com_height)
         dcm = dynamics.com_position + dynamics.com_velocity / omega

@@ -238,6 +238,8 @@ from services.policy.checkpoint.manifest import describe
 from services.policy.processor.actions import Command
 from services.policy.processor.pictures import scale_picture
 from services.policy.processor.processor import Decision
+from services.policy.service import PolicyConfig, PolicyOperator
+from services.policy.serving.remote import RemoteEngine
 found = describe(Path(sys.argv[1]), "trill")
 frame = dict(np.load(sys.argv[2]))
 start = Command(frame["action/hands"], 0.0)
@@ -246,6 +248,8 @@ picture = scale_picture(np.zeros((90, 120, 3), np.uint8), found.manifest.policy.
 still = Decision(np.zeros((1, 14), np.float32), np.zeros((1, 2), np.float32), np.eye(7)[0])
 (command,) = found.processor.commands(still, start)
 memory = np.zeros(found.manifest.policy.memory_shape, np.float32)
+config = PolicyConfig(checkpoint=sys.argv[1], remote=True)
+PolicyOperator(config, RemoteEngine(found, 1.0), found)
 print(len(vector), *picture.shape, len(command.hands), memory.nbytes)
 """
     done = subprocess.run(

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from services.wbc.active_set import ActiveSet
+from services.wbc.layout import NV
 from services.wbc.qp import CONES, FORCES, NORMAL, TORQUE, QpData
-from services.wbc.robot_model import NV
 from services.wbc.solvers import Solution, make_solver
 
 from .bench import Tick

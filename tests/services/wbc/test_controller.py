@@ -16,17 +16,10 @@ from common.schemas import Gait
 from services.sim.physics.stance import standing_torque
 from services.wbc.config import TaskConfig, WbcConfig
 from services.wbc.controller import MAX_DUMPS, TORQUE_SHARE, Command, Controller
+from services.wbc.layout import COM, FEET, HANDS, TORSO
 from services.wbc.qp import NORMAL, QpBuilder, QpData
 from services.wbc.references import PoseReference
-from services.wbc.robot_model import (
-    COM,
-    FEET,
-    HANDS,
-    TORSO,
-    Dynamics,
-    RobotModel,
-    RobotState,
-)
+from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 from services.wbc.solvers import make_solver
 from services.wbc.tasks import POSTURE, TaskStack, posture_gains
 
@@ -156,10 +149,10 @@ def test_task_rows_are_the_models_jacobians(model: RobotModel) -> None:
         torso[:, 3:6] = dynamics.base_rotation
         assert np.array_equal(stack.jacobian[TORSO], torso)
         for side in (0, 1):
-            assert np.array_equal(stack.jacobian[HANDS[side]], dynamics.hands[side].jacobian)
-            assert np.array_equal(stack.jacobian[FEET[side]], dynamics.feet[side].jacobian)
+            assert np.array_equal(stack.jacobian[HANDS[side]], dynamics.jacobian[HANDS[side]])
+            assert np.array_equal(stack.jacobian[FEET[side]], dynamics.jacobian[FEET[side]])
             # A standing foot is asked for no acceleration: J qdd = -Jdot v.
-            assert np.abs(stack.target[FEET[side]] + dynamics.feet[side].bias).max() < 1e-12
+            assert np.abs(stack.target[FEET[side]] + dynamics.bias[FEET[side]]).max() < 1e-12
         upper = np.zeros((13, 31))
         upper[:, 18:] = np.eye(13)
         assert np.array_equal(stack.jacobian[POSTURE], upper)
@@ -174,9 +167,10 @@ def test_first_targets_only_brake(model: RobotModel) -> None:
         kd = np.array([13.0, 13.0, 20.0])
         braking = -kd * dynamics.com_velocity - dynamics.bias[COM]
         assert np.abs(target[COM] - braking).max() < 1e-9
-        for rows, hand in zip(HANDS, dynamics.hands, strict=True):
+        for rows in HANDS:
             kd = np.repeat([28.0, 24.0], 3)
-            assert np.abs(target[rows] + kd * hand.velocity + hand.bias).max() < 1e-9
+            braking = -kd * dynamics.velocity[rows] - dynamics.bias[rows]
+            assert np.abs(target[rows] - braking).max() < 1e-9
         # The torso is righted at once, its heading kept.
         rotation = dynamics.base_rotation
         upright = rotation_vector_from_matrix(
@@ -199,12 +193,12 @@ def test_pose_task_is_a_pd_law_with_feed_forward(model: RobotModel) -> None:
     reference = PoseReference(
         hand.position + offset,
         matrix_from_rotation_vector(turn) @ hand.rotation,
-        hand.velocity + velocity,
+        dynamics.velocity[HANDS[0]] + velocity,
         np.full(6, 2.0),
     )
-    stack.follow(HANDS[0], hand, reference)
+    stack.follow(0, reference)
     stack.finish(dynamics)
-    desired = stack.target[HANDS[0]] + hand.bias
+    desired = stack.target[HANDS[0]] + dynamics.bias[HANDS[0]]
     assert desired[:3] == pytest.approx(2.0 + 200.0 * offset + 28.0 * velocity[:3])
     assert desired[3:] == pytest.approx(2.0 + 150.0 * turn + 24.0 * velocity[3:])
 

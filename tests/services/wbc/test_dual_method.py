@@ -6,8 +6,8 @@ import pytest
 from common.native import kernel
 from services.wbc.active_set import ActiveSet
 from services.wbc.dual_method import DualMethod, controller_solver
+from services.wbc.layout import NV
 from services.wbc.qp import BOUNDS, CONES, INFINITY, NORMAL, NUM_VARIABLES, QpData
-from services.wbc.robot_model import NV
 from services.wbc.solvers import Solution, make_solver
 
 from .bench import Tick

@@ -5,6 +5,7 @@ import pytest
 
 from common.robot import joints
 from services.wbc.config import ContactConfig, LimitConfig, TaskConfig, WbcConfig
+from services.wbc.layout import NV
 from services.wbc.qp import (
     AIRBORNE,
     ARM_BOUNDS,
@@ -20,7 +21,7 @@ from services.wbc.qp import (
     QpData,
     wrench_cone,
 )
-from services.wbc.robot_model import NV, Dynamics, RobotModel, RobotState
+from services.wbc.robot_model import Dynamics, RobotModel, RobotState
 from services.wbc.tasks import NUM_ROWS, TaskStack
 
 from .bench import Bench

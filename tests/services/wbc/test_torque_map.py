@@ -6,8 +6,9 @@ import pinocchio as pin
 from common.robot import frames, joints
 from services.wbc.config import TaskConfig, WbcConfig
 from services.wbc.controller import TORQUE_SHARE
+from services.wbc.layout import NV, SIDES
 from services.wbc.qp import FORCES, QpBuilder
-from services.wbc.robot_model import NV, SIDES, RobotModel, RobotState
+from services.wbc.robot_model import RobotModel, RobotState
 from services.wbc.solvers import make_solver
 from services.wbc.tasks import TaskStack
 
