@@ -49,8 +49,7 @@ def test_points_are_where_the_cameras_of_the_data_format_see_them(
         for eye, camera in enumerate(stereo_pair().values()):
             # The robot stands upright and faces +x in these demonstrations, all joints zero.
             parent = data.body(camera.parent)
-            x, y, z, w = *parent.xquat[1:], parent.xquat[0]
-            back = np.array([w, -x, -y, -z])
+            back = parent.xquat * [1.0, -1.0, -1.0, -1.0]
             in_parent = rotate_vector(back, label + torso - parent.xpos)
             optical = np.array(camera.quaternion) * [1.0, -1.0, -1.0, -1.0]
             ray = camera.matrix(SIZE) @ rotate_vector(
