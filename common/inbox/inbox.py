@@ -286,9 +286,12 @@ class Inbox:
 
         Returns whether any fell due.
         """
-        released = [buffer.release(now_ns) for buffer in self._linked]
-        self._next_due_ns = min(buffer.queue.next_due_ns for buffer in self._linked)
-        return any(released)
+        any_due, next_due_ns = False, NEVER
+        for buffer in self._linked:
+            any_due |= buffer.release(now_ns)
+            next_due_ns = min(next_due_ns, buffer.queue.next_due_ns)
+        self._next_due_ns = next_due_ns
+        return any_due
 
     def _buffer(self, topic: Topic[Any]) -> TopicBuffer:
         buffer = self._buffers.get(topic.name)

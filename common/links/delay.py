@@ -106,6 +106,9 @@ class DelayLine(Generic[T]):
         self._achieved = array("q")
         """A ring of the latest, so that their percentile costs a control loop microseconds."""
         self._requested = requested(spec)
+        certain = spec.distribution is Distribution.CONSTANT and not spec.loss
+        self._certain_ns = round(spec.mean * 1e9) if certain else None
+        """Delay of every message, if chance has no part in it [ns]."""
 
     @property
     def next_due_ns(self) -> int:
@@ -122,11 +125,13 @@ class DelayLine(Generic[T]):
         """
         number = self._count
         self._count += 1
-        at_ns = captured_ns if self.by_time and captured_ns is not None else now_ns
-        delay = self._draw(at_ns // self._frame_ns if self.by_time else number, at_ns)
-        if self._sampler.lost(at_ns, self.spec.loss):
-            self._lost += 1
-            return False
+        delay = self._certain_ns
+        if delay is None:
+            at_ns = captured_ns if self.by_time and captured_ns is not None else now_ns
+            delay = self._draw(at_ns // self._frame_ns if self.by_time else number, at_ns)
+            if self._sampler.lost(at_ns, self.spec.loss):
+                self._lost += 1
+                return False
         self._drawn += delay
         due = now_ns + delay
         if self.spec.keep_order:

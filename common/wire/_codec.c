@@ -16,7 +16,7 @@ typedef struct {
 static unsigned char *grow(Output *out, size_t more)
 {
     if (out->size + more > out->capacity) {
-        const size_t capacity = 2 * (out->size + more);
+        const size_t capacity = 1024 + 2 * (out->size + more);
         unsigned char *data = PyMem_Realloc(out->data, capacity);
         if (data == NULL)
             return NULL;
@@ -158,28 +158,51 @@ static int add_fields(Output *out, PyObject *fields, PyObject *values)
     return 1;
 }
 
-static PyObject *pack(PyObject *module, PyObject *args)
+/* Return what was added as bytes, or None if something is not known here or does not fit. */
+static PyObject *finish(Output *out, int added)
 {
-    PyObject *fields, *values, *packed = NULL;
-    (void)module;
-    if (!PyArg_ParseTuple(args, "O!O!", &PyTuple_Type, &fields, &PyDict_Type, &values))
-        return NULL;
-    Output out = {PyMem_Malloc(1024), 0, 1024};
-    if (out.data == NULL)
-        return PyErr_NoMemory();
-    if (add_fields(&out, fields, values)) {
-        packed = PyBytes_FromStringAndSize((const char *)out.data, (Py_ssize_t)out.size);
+    PyObject *packed;
+    if (added) {
+        packed = PyBytes_FromStringAndSize((const char *)out->data, (Py_ssize_t)out->size);
     } else {
         PyErr_Clear();
         packed = Py_NewRef(Py_None);
     }
-    PyMem_Free(out.data);
+    PyMem_Free(out->data);
     return packed;
+}
+
+static PyObject *pack(PyObject *module, PyObject *args)
+{
+    PyObject *fields, *values;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "O!O!", &PyTuple_Type, &fields, &PyDict_Type, &values))
+        return NULL;
+    Output out = {NULL, 0, 0};
+    return finish(&out, add_fields(&out, fields, values));
+}
+
+static PyObject *pack_with_header(PyObject *module, PyObject *args)
+{
+    PyObject *fields, *header;
+    const char *prefix, *body;
+    Py_ssize_t prefix_size, body_size, head;
+    (void)module;
+    if (!PyArg_ParseTuple(args, "y#O!O!y#n", &prefix, &prefix_size, &PyTuple_Type, &fields,
+                          &PyDict_Type, &header, &body, &body_size, &head))
+        return NULL;
+    Output out = {NULL, 0, 0};
+    const int added = head >= 0 && head <= body_size && PyDict_Size(header) == PyTuple_Size(fields) &&
+                      add(&out, prefix, (size_t)prefix_size) && add_fields(&out, fields, header) &&
+                      add(&out, body + head, (size_t)(body_size - head));
+    return finish(&out, added);
 }
 
 static PyMethodDef methods[] = {
     {"pack", pack, METH_VARARGS,
      "pack(((name, packed name, is an array), ...), values) -> a msgpack map, or None"},
+    {"pack_with_header", pack_with_header, METH_VARARGS,
+     "pack_with_header(prefix, fields, header, body, bytes of it to leave out) -> bytes, or None"},
     {NULL, NULL, 0, NULL}};
 
 static struct PyModuleDef definition = {

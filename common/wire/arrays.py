@@ -12,9 +12,9 @@ from operator import itemgetter
 from typing import Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from common.errors import SchemaError
-from common.schemas import Message
 from common.schemas.arrays import UNIT_TOLERANCE, ArraySpec, Float64Array
 from common.wire.schema import array_spec
 
@@ -43,7 +43,7 @@ class ArrayLayout:
     units: tuple[tuple[int, str], ...]
 
 
-def array_layout(schema: type[Message]) -> ArrayLayout:
+def array_layout(schema: type[BaseModel]) -> ArrayLayout:
     """Lay the array fields of ``schema`` out in one block, in the order of declaration."""
     found = ((name, array_spec(field.metadata)) for name, field in schema.model_fields.items())
     specs = {name: spec for name, spec in found if spec is not None}

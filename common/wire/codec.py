@@ -7,7 +7,7 @@ read-only views on the received bytes.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar, cast
@@ -104,6 +104,10 @@ def with_header(message: Message, body: bytes, header: dict[str, Any]) -> bytes:
     """
     plan = _plan(type(message))
     # The body's own map header makes way for that of the whole.
+    if _codec is not None:
+        whole = _codec.pack_with_header(plan.prefix, _HEADER, header, body, plan.head)
+        if whole is not None:
+            return cast(bytes, whole)
     return b"".join((plan.prefix, _packed(message, header), body[plan.head :]))
 
 
@@ -236,17 +240,22 @@ def _identity(tag: str) -> str:
 @cache
 def _plan(schema: type[Message]) -> _Plan:
     """Compute what encoding and decoding ``schema`` need."""
-    arrays, pack = array_layout(schema), msgpack.Packer().pack
-    body = (name for name in schema.model_fields if name != "header")
+    arrays = array_layout(schema)
     return _Plan(
         tag=schema_tag(schema),
         names=frozenset(schema.model_fields),
-        body=tuple((name, pack(name), name in arrays.specs) for name in body),
+        body=_fields((name for name in schema.model_fields if name != "header"), arrays),
         prefix=_prefix(len(schema.model_fields)),
         head=1 if len(schema.model_fields) <= _FIXMAP + 1 else 3,
         arrays=arrays,
         build=message_builder(schema),
     )
+
+
+def _fields(names: Iterable[str], arrays: ArrayLayout) -> tuple[tuple[str, bytes, bool], ...]:
+    """Return name, packed name and whether it is an array, of some fields."""
+    pack = msgpack.Packer().pack
+    return tuple((name, pack(name), name in arrays.specs) for name in names)
 
 
 def _prefix(fields: int) -> bytes:
@@ -272,6 +281,7 @@ class _Packers(threading.local):
 
 
 _packers = _Packers()
+_HEADER = _fields(Header.model_fields, array_layout(Header))
 
 
 def _limited(text: str) -> str:

@@ -20,13 +20,16 @@ if TYPE_CHECKING:
 TEXT = """The latency study: how control latency and the interpolation of hand set-points change
 completion time, success and workload. `latency` runs it with the synthetic operator in simulated
 time and writes the report; `add` adds trials of persons from their logs, `tlx` their answers on
-workload. The two kinds of operator are never pooled."""
+workload. The two kinds of operator are never pooled.
+
+`policies` tables the policies that trill eval has evaluated."""
 EXAMPLES = """examples:
   trill study latency --episodes 25 --jobs 2
   trill study add runs/20260131-120000 --participant P01 --condition interpolation
   trill study tlx --participant P01 --task door/unlock --condition interpolation
   trill study latency --report runs/studies/latency
-  trill study latency --help                       likewise add, tlx
+  trill study policies
+  trill study latency --help                       likewise add, tlx, policies
 """
 LATENCY = """The synthetic operator does two manipulation tasks under four conditions, with the same
 seeds in each: raw input (the controller does not interpolate hand set-points), interpolation (the
@@ -57,7 +60,7 @@ LATENCY_EXAMPLES = f"""examples:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill study``."""
-    add_commands(parser, (LATENCY_COMMAND, *COMMANDS), "study", "study")
+    add_commands(parser, (LATENCY_COMMAND, *COMMANDS, POLICIES_COMMAND), "study", "study")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -176,5 +179,8 @@ LATENCY_COMMAND = Command(
     "latency",
     "completion time and success under latency",
     Action(LATENCY, LATENCY_EXAMPLES, _latency_options, _latency),
+)
+POLICIES_COMMAND = Command(
+    "policies", "tables of the policies that were evaluated", "lab.cli.study_policies:ACTION"
 )
 ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

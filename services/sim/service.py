@@ -1,29 +1,22 @@
 """The simulated plant as a service."""
 
 import logging
-import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
-import numpy as np
-
 from common.plant.config import PHYSICS_RATE, PHYSICS_STEP_NS
-from common.plant.guard import Refusal
 from common.plant.stop import StopRecord, load_stop, save_stop
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import (
     GuardMode,
-    Header,
     JointCommand,
     PlantAction,
     PlantRequest,
-    PlantStatus,
     Sender,
     TaskVerdict,
 )
-from common.schemas.arrays import Float64Array as Array
 from common.tables import overlaid, validated
 from common.topics import (
     ESTOP,
@@ -41,9 +34,9 @@ from services.sim.config import SimConfig
 from services.sim.errors import PlantDivergedError
 from services.sim.physics.pace import Pace, RateTimer
 from services.sim.physics.plant import Plant
+from services.sim.status import RefusalLog, plant_status
 
 _LOG = logging.getLogger(__name__)
-_EXPECTED = (Refusal.ESTOPPED, Refusal.FALLEN)
 
 
 class PlantService(Service):
@@ -107,8 +100,7 @@ class PlantService(Service):
         self._timers += [self._task_due] * (self.plant.trial is not None)
         self._task_reported: tuple[object, ...] = ()
         self._refusals_due = RateTimer(1)
-        self._refusals_logged = 0
-        self._refusal_told = ""
+        self._refusals = RefusalLog()
         self._progress: deque[tuple[int, int]] = deque(maxlen=config.status_rate + 1)
 
     @classmethod
@@ -159,9 +151,16 @@ class PlantService(Service):
         if due:
             self._progress.append((now_ns, plant.now_ns))
         if due or changed:
-            outputs.append(Output(PLANT_STATUS, self._status()))
+            status = plant_status(
+                plant,
+                paused=self.paused,
+                real_time_factor=self._real_time_factor(),
+                late_steps=self._pace.late_steps,
+                divergences=self._divergences,
+            )
+            outputs.append(Output(PLANT_STATUS, status))
         if self._refusals_due.due(now_ns):
-            self._log_refusals()
+            self._refusals.log(self.plant.guard)
         return outputs
 
     def close(self) -> None:
@@ -229,27 +228,6 @@ class PlantService(Service):
         self._task_reported = current
         return [Output(TASK_STATUS, trial.status(plant.now_ns, plant.reset_count))]
 
-    def _log_refusals(self) -> None:
-        """Log commands that the guard refused, at most once a second."""
-        guard = self.plant.guard
-        new = guard.refused - self._refusals_logged
-        if not new:
-            return
-        self._refusals_logged = guard.refused
-        told, self._refusal_told = self._refusal_told, self._last_refusal()
-        # A stopped or fallen robot refuses everything, as it must: once is enough.
-        if guard.last_refusal in _EXPECTED and told == self._refusal_told:
-            return
-        _LOG.warning("refused %d commands, the last: %s", new, self._refusal_told)
-
-    def _last_refusal(self) -> str:
-        """Say why a command was refused last, and whose; empty: none was."""
-        guard = self.plant.guard
-        if guard.last_refusal is None:
-            return ""
-        source, boot = guard.last_refused
-        return f"{source or 'nameless'} (boot {boot:x}): {guard.last_refusal.value}"
-
     def _advance(self, now_ns: int, until_ns: int) -> int:
         """Run the physics of the step at ``now_ns`` and of quiet ones; return the last's time."""
         plant, size, begun = self.plant, self._physics_steps, self.plant.steps
@@ -305,40 +283,8 @@ class PlantService(Service):
         else:
             self.paused = request.action is PlantAction.PAUSE
 
-    def _status(self) -> PlantStatus:
-        plant, guard = self.plant, self.plant.guard
-        controller = guard.controller or Sender("", 0)
+    def _real_time_factor(self) -> float:
+        """Return robot time passed per time of the runner's clock, over the last second."""
         (first_now, first_robot), (last_now, last_robot) = self._progress[0], self._progress[-1]
-        wall = last_now - first_now
-        median, p99 = _percentiles(plant.command_ages, 0.5, 0.99)
-        return PlantStatus(
-            header=Header(stamp=plant.now_ns),
-            guard=guard.mode,
-            paused=self.paused,
-            fallen=plant.fallen,
-            real_time_factor=(last_robot - first_robot) / wall if wall else 0.0,
-            age_at_torque_median=median,
-            age_at_torque_p99=p99,
-            commands_applied=guard.applied,
-            commands_refused=guard.refused,
-            holds=guard.holds,
-            saturated_fraction=plant.saturated_fraction,
-            late_steps=self._pace.late_steps,
-            controller=controller.source,
-            controller_boot=controller.boot,
-            commands_foreign=guard.foreign,
-            last_refusal=self._last_refusal(),
-            stops=guard.stop.stops,
-            stopped_by=guard.stop.by,
-            stop_reason=guard.stop.reason,
-            divergences=self._divergences,
-        )
-
-
-def _percentiles(values: Array, *shares: float) -> list[float]:
-    """Return the smallest values that at least these shares of all do not exceed; 0 of none."""
-    if not values.size:
-        return [0.0] * len(shares)
-    ranks = [math.ceil(share * values.size) - 1 for share in shares]
-    # A tenth of the time of `np.percentile`, ten times a second.
-    return [float(value) for value in np.partition(values, ranks)[ranks]]
+        passed = last_now - first_now
+        return (last_robot - first_robot) / passed if passed else 0.0

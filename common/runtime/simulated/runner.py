@@ -17,7 +17,6 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from common.errors import TrillError
-from common.inbox.context import InboxContext
 from common.inbox.inbox import Inbox
 from common.journal.journal import PERIOD_NS as JOURNAL_PERIOD_NS
 from common.journal.journal import Journal
@@ -25,6 +24,7 @@ from common.links.config import Links
 from common.links.spec import LinkSpec
 from common.runtime.service import Service
 from common.runtime.simulated.bus import SimBus
+from common.runtime.simulated.host import Host
 from common.runtime.simulated.links import SimLinks
 from common.schemas import LinkChange, Message
 from common.topics import JOURNAL, LINK_CHANGE, Topic
@@ -44,20 +44,6 @@ def _uncollected() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
-
-
-class _Host:
-    """One service with its inbox and its publishers' counters."""
-
-    def __init__(self, service: Service, order: int) -> None:
-        self.service = service
-        self.order = order
-        self.paused = False
-        self.runs = 0
-        self.inbox: Inbox
-        self.journal: Journal | None = None
-        self.journal_due = 0
-        self.stampers: dict[str, HeaderStamper] = {}
 
 
 class SimTimeRunner:
@@ -98,7 +84,7 @@ class SimTimeRunner:
         self._links = links if isinstance(links, Links) else Links.from_table(links or {}, names)
         self._set_links = SimLinks(self._links)
         self._pending_changes: list[LinkChange] = []
-        self._hosts = {service.name: _Host(service, i) for i, service in enumerate(services)}
+        self._hosts = {service.name: Host(service, i) for i, service in enumerate(services)}
         offsets = dict(offsets_ns or {})
         unknown = offsets.keys() - self._hosts.keys()
         if len(self._hosts) != len(services) or unknown:
@@ -233,7 +219,7 @@ class SimTimeRunner:
     ) -> None:
         self.close()
 
-    def _step(self, host: _Host, t_ns: int) -> None:
+    def _step(self, host: Host, t_ns: int) -> None:
         """Step a service now, and perhaps on before ``t_ns``; the clock is then at its last step.
 
         Both are what it would do if it were stepped on its own: nothing happens in between.
@@ -253,7 +239,7 @@ class SimTimeRunner:
         # A service that has ended itself is stepped no more, like a process that is gone.
         host.paused = service.exit_code is not None
 
-    def _alone_until(self, host: _Host, t_ns: int) -> int:
+    def _alone_until(self, host: Host, t_ns: int) -> int:
         """Return the time, at most ``t_ns``, before which only ``host`` acts and no input comes."""
         if self._queue:
             due, order, _ = self._queue[0]
@@ -266,7 +252,7 @@ class SimTimeRunner:
             t_ns = min(t_ns, max(self._now, host.journal_due) + host.service.period_ns)
         return t_ns
 
-    def _end_journal_step(self, host: _Host, journal: Journal) -> None:
+    def _end_journal_step(self, host: Host, journal: Journal) -> None:
         """End a step in the journal; publish it if it is time, or the service has ended."""
         journal.end_step(self._now)
         if self._now >= host.journal_due or host.service.exit_code is not None:
@@ -275,7 +261,7 @@ class SimTimeRunner:
             if message is not None:
                 self._publish(host, JOURNAL, message)
 
-    def _publish(self, host: _Host, topic: Topic[Any], message: Message) -> None:
+    def _publish(self, host: Host, topic: Topic[Any], message: Message) -> None:
         """Send an output of a service."""
         stamper = host.stampers.get(topic.name)
         if stamper is None:
@@ -291,29 +277,16 @@ class SimTimeRunner:
         for change in changes:
             self._publish(self._host(change.service), LINK_CHANGE, change)
 
-    def _start(self, host: _Host) -> None:
-        """Start a run of a service: inbox, boot id, counters."""
-        service = host.service
-        service.wanted = self._bus.wanted
-        host.runs += 1
-        service.boot = self._bus.boot(service.name, host.runs)
-        host.journal = Journal(service.name, service.settings) if self._journal else None
-        host.inbox = Inbox(
-            service.reads,
-            service=service.name,
-            links=self._links,
-            seed=self._seed,
-            context=InboxContext(journal=host.journal),
-        )
-        self._pending_changes += self._set_links.begin(service.name, host.inbox)
-        writes = (*service.writes, LINK_CHANGE, *((JOURNAL,) if self._journal else ()))
-        host.stampers = {t.name: self._bus.stamper(service.name, host.runs) for t in writes}
+    def _start(self, host: Host) -> None:
+        """Start a run of a service, which sets its links."""
+        host.start(self._bus, self._links, self._seed, journal=self._journal)
+        self._pending_changes += self._set_links.begin(host.service.name, host.inbox)
 
     def _connect(self) -> None:
         """Deliver to the services' inboxes, in the order of the services."""
         self._bus.connect(host.inbox for host in self._hosts.values())
 
-    def _host(self, name: str) -> _Host:
+    def _host(self, name: str) -> Host:
         host = self._hosts.get(name)
         if host is None:
             raise TrillError(f"no service {name!r}; expected one of {', '.join(self._hosts)}")

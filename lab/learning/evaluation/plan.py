@@ -4,12 +4,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from services.policy.serving.config import PolicyConfig
-
 from common.errors import ConfigError
 from lab.learning.evaluation.names import policy_name
 from lab.trials.operators.specs import PolicySpec, StillPictures
 from services.policy.checkpoint.manifest import Description
+from services.policy.serving.config import PolicyConfig
 
 CONSTANT = "constant, mean action"
 """Row of the policy that answers with the mean action."""

@@ -22,6 +22,7 @@ class Row(NamedTuple):
         task: name of the task.
         link: injected delays in words.
         episodes: demonstrations that the policy learned from; None: it is none.
+        checkpoints: how many policies of this name are pooled, for instance of several trainings.
         results: the trials, by seed.
         success: share of successes.
         partial: share of trials that reached the goal at least in part, successes included, as
@@ -36,6 +37,7 @@ class Row(NamedTuple):
     task: str
     link: str
     episodes: int | None
+    checkpoints: int
     results: tuple[TrialResult, ...]
     success: Proportion
     partial: Proportion
@@ -105,6 +107,7 @@ def _row(
         task,
         link,
         episodes,
+        len({s.operator.digest for s, _ in trials if isinstance(s.operator, PolicySpec)}),
         results,
         success=share(lambda result: result.verdict == "success"),
         partial=share(lambda result: result.verdict in {"success", "partial"}),

@@ -8,9 +8,6 @@ from typing import Any
 
 import cv2
 import numpy as np
-from services.policy.service import PolicyOperator, local_engine
-from services.policy.serving.config import PolicyConfig
-from services.policy.serving.engine import Answer, Engine, Request
 
 from common.schemas import PlantState, SceneState
 from common.tables import validated
@@ -20,6 +17,9 @@ from lab.trials.operators.specs import PolicySpec, StillPictures
 from lab.trials.spec import TrialSpec
 from services.policy.checkpoint.manifest import Description, describe
 from services.policy.processor.processor import Decision
+from services.policy.service import PolicyOperator, local_engine
+from services.policy.serving.config import PolicyConfig
+from services.policy.serving.engine import Answer, Engine, Request
 from services.sim.rendering.cameras import (
     CameraConfig,
     CameraService,
@@ -38,7 +38,7 @@ class MeanEngine:
     It is the best constant answer: what a policy without any input could do.
     """
 
-    refused, problem = 0, ""
+    refused, problem, waiting = 0, "", False
 
     def __init__(self, description: Description) -> None:
         interface = description.manifest.interface

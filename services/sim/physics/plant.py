@@ -13,13 +13,13 @@ from common.plant.fallback import Hold, damp_target, hold_target, plan_hold
 from common.plant.guard import Guard
 from common.plant.servo import JOINT_TO_MOTOR, Servo, motor_target
 from common.plant.stop import StopRecord
-from common.robot.joints import MOTOR_TO_JOINT, NUM_MOTORS
+from common.robot.joints import NUM_MOTORS
 from common.schemas import GuardMode, Header, JointCommand, PlantState
 from common.schemas.arrays import Float64Array as Array
 from common.wire.builder import assembler
 from services.sim.config import NoiseConfig, SimConfig
 from services.sim.model.contacts import GeomContact, foot_normal_forces, geom_contacts
-from services.sim.model.robot_state import jaw_closure, jaw_command
+from services.sim.model.robot_state import RobotReader, jaw_command
 from services.sim.model.world import build_model, find_addresses
 from services.sim.physics.divergence import check_state
 from services.sim.physics.noise import add_noise
@@ -32,13 +32,13 @@ from services.sim.tasks.trial import SceneView, Trial
 START_NS = 1_000_000_000
 """Robot time of the first state; positive, so that a stamp of 0 never is a measurement."""
 
-_MOTOR_OF_JOINT = MOTOR_TO_JOINT.argmax(axis=1)
-"""(27,) index of the motor that turns each joint."""
 _AGES_KEPT = 1024
 _MOST_STEPS = 1000
 """Of physics between two looks of the guard."""
 _SETTLING_STEPS = 200
 _LOG = logging.getLogger(__name__)
+_HEADER = Header().__dict__
+_assemble_header: Callable[[dict[str, Any]], Header] = assembler(Header)
 _assemble: Callable[[dict[str, Any]], PlantState] = assembler(PlantState)
 
 
@@ -89,8 +89,7 @@ class Plant:
         self._motor_torque = self._ctrl[:NUM_MOTORS]
         self._grippers = self.addresses.grippers.tolist()
         self._physics = PhysicsSteps(self.model, self.data, self.addresses.torso, self.servo)
-        self._positions = np.concatenate((np.arange(7), self.addresses.qpos))
-        self._velocities = np.concatenate((np.arange(6), self.addresses.qvel))
+        self._reader = RobotReader(self.data, self.addresses)
         self._torque_mode = self.config.torque_mode.value
         self._noiseless = self.config.noise == NoiseConfig()
         self.now_ns = START_NS - PHYSICS_STEP_NS
@@ -268,25 +267,12 @@ class Plant:
 
     def truth(self) -> PlantState:
         """Return the exact state now."""
-        addresses = self.addresses
-        position, velocity = self._qpos.take(self._positions), self._qvel.take(self._velocities)
         controller = self.guard.controller
-        one, two, three, four = self._qpos.take(addresses.fingers_qpos.ravel()).tolist()
         # Not validated: the shapes are MuJoCo's, and receivers check the numbers.
         return _assemble(
             {
-                "header": Header(stamp=self.now_ns),
-                "base_position": position[:3],
-                "base_quaternion": position[3:7],
-                "base_linear_velocity": velocity[:3],
-                "base_angular_velocity": velocity[3:6],
-                "joint_position": position[7:],
-                "joint_velocity": velocity[6:],
-                "joint_torque": self._motor_torque.take(_MOTOR_OF_JOINT),
-                "gripper_closure": np.array(
-                    (jaw_closure(0.5 * (one + two)), jaw_closure(0.5 * (three + four)))
-                ),
-                "foot_normal_force": foot_normal_forces(self.data, addresses.feet),
+                "header": _assemble_header(_HEADER | {"stamp": self.now_ns}),
+                **self._reader.read(),
                 "reset_count": self.reset_count,
                 "guard": self.guard.mode,
                 "fallen": self.fallen,

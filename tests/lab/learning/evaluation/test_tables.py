@@ -1,0 +1,92 @@
+"""``trill study policies``: what the tables say of files of invented trials."""
+
+from pathlib import Path
+
+import cv2
+import pytest
+
+from lab.cli.main import main
+from lab.learning.evaluation.paper import PAPER
+from lab.trials.operators.specs import StillPictures
+from lab.trials.results import TrialFile
+from lab.trials.spec import TrialSpec
+from tests.lab.learning.evaluation.support import invented, result, trial
+
+
+def row(text: str, beginning: str) -> str:
+    (found,) = (line for line in text.splitlines() if line.startswith(beginning))
+    return found
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> Path:
+    kept = TrialFile(tmp_path / "results" / "policies.jsonl")
+    small, large = invented("trill", 30), invented("trill", 120)
+    mono = invented("trill, monoscopic", 120, inputs={"vision": "monoscopic"})
+    still = StillPictures(file="mean.png", sha256="0")
+    for seed in range(4):
+        kept.add(trial(small, seed), result(seed, "success" if seed < 1 else "failure"))
+        kept.add(trial(large, seed), result(seed, "success" if seed < 3 else "partial"))
+        kept.add(trial(mono, seed), result(seed, "success" if seed < 2 else "failure"))
+    blind = large.model_copy(update={"pictures": still, "label": "trill, mean pictures"})
+    kept.add(trial(blind), result(0, "failure", still=4.0))
+    TrialFile(tmp_path / "results" / "operator.jsonl").add(
+        TrialSpec(task="door/unlock", seed=0), result(0)
+    )
+    return tmp_path / "results"
+
+
+def test_the_tables_stand_beside_the_papers(
+    files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "report"
+    assert main(["study", "policies", str(files), "--out", str(out)]) == 0
+    text = (out / "policies.md").read_text()
+    assert text in capsys.readouterr().out
+    success, _, rest = text.partition("## Ablations")
+    ablations, _, everything = rest.partition("## All rows")
+    columns = ["operator (synthetic, practised)", "trill", "trill, monoscopic"]
+    columns += ["trill, mean pictures", "paper: bc", "paper: bc-rnn", "paper: trill"]
+    assert row(success, "| task |") == f"| task | {' | '.join(columns)} |"
+    cells = row(success, "| door/unlock |").split(" | ")
+    # The policy of 120 demonstrations, not that of 30.
+    assert cells[2] == "75 [30, 95] (100) n: 4"
+    assert cells[-3:] == ["48 (52)", "80 (96)", "92 (100) |"]
+    assert "paper: trill, categorical" in row(ablations, "| task |")
+    assert "56 (84)" in row(ablations, "| door/unlock |")
+    assert "mean pictures" not in ablations
+    assert "| 30 | 25 [5, 70] (25) n: 4 |" in everything
+    picture = cv2.imread(str(out / "policies.png"))
+    assert picture is not None
+    assert picture.std() > 5.0
+
+
+def test_several_trainings_of_one_policy_are_pooled_and_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kept = TrialFile(tmp_path / "a.jsonl")
+    for digest in ("1", "2"):
+        operator = invented("trill").model_copy(update={"digest": digest})
+        kept.add(trial(operator), result(0))
+    words = ["study", "policies", str(tmp_path / "a.jsonl"), "--out", str(tmp_path)]
+    assert main(words) == 0
+    assert "n: 2 of 2 checkpoints" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["nowhere", "nowhere.jsonl"])
+def test_no_results_are_told(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["study", "policies", str(tmp_path / name)]) == 2
+    assert "expected files of results" in capsys.readouterr().err
+
+
+def test_another_file_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "a.jsonl").write_text('{"mine": 1}\n')
+    assert main(["study", "policies", str(tmp_path)]) == 1
+    assert "is no result of this command" in capsys.readouterr().err
+
+
+def test_the_papers_figures_are_shares_of_25_trials() -> None:
+    rates = [rate for tasks in PAPER.values() for rate in tasks.values()]
+    assert len(rates) == 42
+    assert all(0 <= rate.success <= rate.partial <= 100 for rate in rates)
+    assert all(number % 4 == 0 for rate in rates for number in rate)
