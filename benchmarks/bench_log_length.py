@@ -1,9 +1,10 @@
 """How the cost of reading a log grows with its length: processor time and peak memory.
 
-A minute of a walking robot is repeated to logs of several lengths (:mod:`benchmarks.long_log`):
-once as one run of each service, once with all services started anew every minute, which is what a
-replay can be compared with to the byte. Each command reads each log in a process of its own. A
-cost grows as it should if the time a minute of log takes stays the same, and the memory too.
+A minute of a walking robot is repeated to logs of several lengths (:mod:`benchmarks.long_log`),
+as one run of each service. Before the repair a log is cut off, in the middle of a chunk. For the
+check of a replay, which compares to the byte, logs are simulated from beginning to end instead.
+Each command reads each log in a process of its own. A cost grows as it should if the time a minute
+of log takes stays the same, and the memory too.
 
     python benchmarks/bench_log_length.py [--minutes 6 12 24] [--hours 1 2 4 8] [--against DIR]
 """
@@ -20,8 +21,11 @@ from benchmarks.builds import OWN_ROOT, Build, own_and
 from lab.progress import ProgressBar
 
 COMMANDS = (("info",), ("ledger",), ("report",), ("replay", "--list"))
+REPAIR = ("repair", "--out", "repaired.mcap")
 CHECK = ("replay", "--check")
 """Takes longer than all others: its logs have lengths of their own."""
+_CUT_OFF = 1_000_000
+"""At the end of a log that is to be repaired [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,13 @@ def use_of(build: Build, command: tuple[str, ...], log: Path) -> Use:
     return Use(used.ru_utime + used.ru_stime, 1024e-6 * used.ru_maxrss)
 
 
-def write_log(path: Path, minutes: int, *, restarts: bool) -> None:
+def write_log(path: Path, minutes: int, *, anew: bool) -> None:
     """Write a log in a process of its own: a large one would count as its children's memory.
 
     Raises:
         CalledProcessError: it fails.
     """
-    words = [str(path), "--minutes", str(minutes), *["--restarts"] * restarts]
+    words = [str(path), "--minutes", str(minutes), *["--anew"] * anew]
     subprocess.run(
         [sys.executable, "-m", "benchmarks.long_log", *words],
         cwd=OWN_ROOT,
@@ -76,16 +80,19 @@ def measure(
     builds: list[Build],
     folder: Path,
     *,
-    restarts: bool = False,
+    anew: bool = False,
 ) -> None:
     """Measure on logs of so many ``minutes``, the builds in turn, and print each result."""
     shortest: dict[tuple[str, str], tuple[int, Use]] = {}
     with ProgressBar("log length", len(minutes) * len(commands) * len(builds)) as bar:
         for length in minutes:
-            log = folder / f"{length}{'-restarts' * restarts}.mcap"
-            write_log(log, length, restarts=restarts)
+            log = folder / f"{length}{'-anew' * anew}.mcap"
+            write_log(log, length, anew=anew)
             for command in commands:
+                if command == REPAIR:
+                    os.truncate(log, log.stat().st_size - _CUT_OFF)
                 for build in builds:
+                    (folder / "repaired.mcap").unlink(missing_ok=True)
                     used = use_of(build, command, log)
                     name = " ".join(command)
                     begin, least = shortest.setdefault((name, build.name), (length, used))
@@ -106,8 +113,8 @@ def main() -> int:
     """Measure and print."""
     parser = argparse.ArgumentParser(
         description=(__doc__ or "").partition("\n\n")[0],
-        epilog="An hour of log takes a gigabyte while it is measured. Logs and what the commands "
-        "write go to the directory for temporary files (TMPDIR).",
+        epilog="An hour of log takes two gigabytes while it is measured. Logs and what the "
+        "commands write go to the directory for temporary files (TMPDIR).",
     )
     lengths = parser.add_mutually_exclusive_group()
     lengths.add_argument(
@@ -126,8 +133,8 @@ def main() -> int:
     minutes = [60 * hours for hours in arguments.hours] or arguments.minutes
     builds = own_and(arguments.against)
     with tempfile.TemporaryDirectory() as name:
-        measure(COMMANDS, minutes, builds, Path(name))
-        measure((CHECK,), arguments.check_minutes, builds, Path(name), restarts=True)
+        measure((*COMMANDS, REPAIR), minutes, builds, Path(name))
+        measure((CHECK,), arguments.check_minutes, builds, Path(name), anew=True)
     return 0
 
 

@@ -4,7 +4,8 @@ The short one is a minute of a robot that walks by a script in simulated time, w
 heartbeats, health, episode marks and journals. A repetition either continues it, as one run of each
 service: sequence numbers, times, steps and the numbers of gait requests go on, so that no message
 is missing. Or, with ``--restarts``, every service is started anew: only boot ids differ, so that
-each run can be replayed to the byte.
+each run can be replayed to the byte. With ``--anew`` nothing is repeated: all of it is simulated,
+which takes about half as long as the log, so that one long run can be replayed to the byte.
 """
 
 import argparse
@@ -61,8 +62,8 @@ _TICKS = 100
 """Of simulated time in a second."""
 _FLUSH_NS = 250_000_000
 """Between the ends of two chunks, as a recorder ends them [ns]."""
-_GAITS = 100
-"""More than a robot walks in a minute."""
+_GAITS_PER_SECOND = 1
+"""More than a robot walks."""
 _NUMBERED = {TELEOP_GAIT: "request_id", WBC_REPLY: "request_id"}
 _TIMES = [INPUT_COLUMNS.index(name) for name in ("captured", "sent", "arrival")]
 _SOURCE, _SEQ, _SIZE = (INPUT_COLUMNS.index(name) for name in ("source", "seq", "size"))
@@ -100,10 +101,15 @@ class Part:
 def record_part(seconds: int = 60) -> Part:
     """Record a walking robot."""
     span_ns = seconds * 1_000_000_000
-    operator = ScriptedOperator(random_walk(ScriptOptions(count=_GAITS)))
+    operator = ScriptedOperator(random_walk(ScriptOptions(count=_GAITS_PER_SECOND * seconds)))
     services = [PlantService(SimConfig()), WbcService(), operator]
-    with SimTimeRunner(services, robot=ROBOT, record=True) as runner:
+    with (
+        SimTimeRunner(services, robot=ROBOT, record=True) as runner,
+        ProgressBar("simulating", seconds) as bar,
+    ):
         for tick in range(_TICKS * seconds):
+            if tick % _TICKS == 0:
+                bar.show(tick // _TICKS, seconds)
             for topic, message, source in _surroundings(tick, [one.name for one in services]):
                 runner.inject(topic, message, source)
             if tick in {_TICKS // 2, _TICKS * seconds - 1}:
@@ -270,10 +276,13 @@ def main() -> int:
     )
     parser.add_argument("out", type=Path, metavar="OUT", help="the new MCAP file")
     parser.add_argument("--minutes", type=int, default=60, help="its length (60)")
-    parser.add_argument("--restarts", action="store_true", help="start all services every minute")
+    ways = parser.add_mutually_exclusive_group()
+    ways.add_argument("--restarts", action="store_true", help="start all services every minute")
+    ways.add_argument("--anew", action="store_true", help="simulate all of it, repeat nothing")
     arguments = parser.parse_args()
-    part = record_part()
-    count = write_long_log(arguments.out, part, arguments.minutes, restarts=arguments.restarts)
+    seconds, times = (60 * arguments.minutes, 1) if arguments.anew else (60, arguments.minutes)
+    part = record_part(seconds)
+    count = write_long_log(arguments.out, part, times, restarts=arguments.restarts)
     print(f"{arguments.out}: {count} messages, {arguments.out.stat().st_size / 1e6:.0f} MB")
     return 0
 

@@ -2,20 +2,20 @@
 
 import tempfile
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import IO, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from common.errors import TrillError
+from common.order_statistics import Numbers
 
 BLOCK = 16384
 """Rows written to the file at once; a shorter table has no file."""
 
 
 class Spool:
-    """Rows of numbers, of which one column at a time is read back.
+    """Rows of numbers, which are read back by columns, piece by piece.
 
     The file is in the directory for temporary files and gone with the object.
     """
@@ -40,7 +40,7 @@ class Spool:
         self._newest.extend(numbers)  # type: ignore[arg-type]
         self._write_blocks()
 
-    def add(self, rows: npt.NDArray[np.int64] | npt.NDArray[np.float64]) -> None:
+    def add(self, rows: Numbers) -> None:
         """Append the rows of a table (n, columns) of the spool's kind.
 
         Raises:
@@ -49,22 +49,26 @@ class Spool:
         self._newest.frombytes(rows.tobytes())
         self._write_blocks()
 
-    def column(self, index: int) -> npt.NDArray[np.int64] | npt.NDArray[np.float64]:
-        """Return a column as a new array (rows,).
+    def parts(self, *columns: int) -> Iterator[tuple[Numbers, ...]]:
+        """Yield these columns piece by piece, each piece as new arrays of one length.
 
         Raises:
             TrillError: the temporary file cannot be read.
         """
-        result = np.empty(len(self), self._kind)
+        for number in range(self._blocks):
+            yield tuple(self._stored(number, column) for column in columns)
+        yield tuple(np.array(self._newest[one :: self._columns], self._kind) for one in columns)
+
+    def _stored(self, number: int, column: int) -> Numbers:
+        """Read a column of a block."""
+        part = np.empty(BLOCK, self._kind)
+        assert self._file is not None
         try:
-            for number in range(self._blocks if self._file else 0):
-                assert self._file is not None
-                self._file.seek((number * self._columns + index) * BLOCK * result.itemsize)
-                self._file.readinto(result[number * BLOCK : (number + 1) * BLOCK])  # type: ignore[attr-defined]
+            self._file.seek((number * self._columns + column) * BLOCK * part.itemsize)
+            self._file.readinto(part)  # type: ignore[attr-defined]
         except OSError as error:
             raise spool_failure(error) from error
-        result[self._blocks * BLOCK :] = self._newest[index :: self._columns]
-        return result
+        return part
 
     def _write_blocks(self) -> None:
         """Write full blocks, column by column."""

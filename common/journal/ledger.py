@@ -5,19 +5,21 @@ in each stage of :class:`~common.schemas.StageTime`. For each link that injects 
 also has the requested and the achieved delay and the number of lost messages.
 """
 
-from array import array
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
 
 from common.errors import TrillError
-from common.journal.stages import STAGES, stage_columns, stage_time
+from common.journal.stages import STAGES, stage_columns, stage_time_of
 from common.journal.tables import INPUT_COLUMNS, UNKNOWN, InputOutcome, Table, read_tables
 from common.links.spec import LinkSpec
 from common.links.summary import requested
+from common.order_statistics import Numbers, Parts, quantiles
 from common.schemas import LinkChange, ServiceHealth, StageTime, StepJournal
 from common.spool import Spool
 
@@ -27,7 +29,7 @@ _STEP, _SOURCE, _OUTCOME = (INPUT_COLUMNS.index(name) for name in ("step", "sour
 _TIMES = slice(INPUT_COLUMNS.index("captured"), INPUT_COLUMNS.index("decode") + 1)
 _ARRIVED = 3
 """The arrival among these times."""
-_INJECTED, _ARRIVAL = STAGES.index("injected"), len(STAGES)
+_INJECTED, _ARRIVAL, _RESULT = STAGES.index("injected"), len(STAGES), len(STAGES) + 1
 """Columns of :attr:`_Input.rows`."""
 
 
@@ -71,30 +73,43 @@ class _Input:
     """Records of one input of one service.
 
     Attributes:
-        rows: a row per input record: its time in each stage and its arrival [ns].
-        outcomes: the outcomes of the same records.
+        rows: a row per input record: its time in each stage, its arrival [ns], its outcome.
         changes: the time [ns] and the new link of each change of the link.
     """
 
-    rows: Spool = field(default_factory=lambda: Spool(len(STAGES) + 1, "q"))
-    outcomes: "array[int]" = field(default_factory=lambda: array("b"))
+    rows: Spool = field(default_factory=lambda: Spool(len(STAGES) + 2, "q"))
     changes: list[tuple[int, str]] = field(default_factory=list)
 
     def add(self, rows: Table, outcomes: Table) -> None:
         """Add records: times and step as for :func:`stage_columns`."""
-        self.rows.add(np.column_stack([*stage_columns(rows).values(), rows[:, _ARRIVED]]))
-        self.outcomes.frombytes(outcomes.astype(np.int8).tobytes())
+        times = stage_columns(rows).values()
+        self.rows.add(np.column_stack([*times, rows[:, _ARRIVED], outcomes]))
 
     def counts(self) -> dict[InputOutcome, int]:
         """Return the number of records of each outcome."""
-        kinds, counts = np.unique(self.outcomes, return_counts=True)
-        return {InputOutcome(int(k)): int(n) for k, n in zip(kinds, counts, strict=True)}
+        counts: Counter[int] = Counter()
+        for (part,) in self.rows.parts(_RESULT):
+            kinds, numbers = np.unique(part, return_counts=True)
+            counts.update(dict(zip(kinds.tolist(), numbers.tolist(), strict=True)))
+        return {InputOutcome(kind): counts[kind] for kind in sorted(counts)}
 
-    def applied(self, stage: str) -> Table:
-        """Return the known times of the applied messages in a stage [ns]."""
-        some = self.rows.column(STAGES.index(stage))
-        is_applied = np.array(self.outcomes) == InputOutcome.APPLIED
-        return np.asarray(some[is_applied & (some != UNKNOWN)], np.int64)
+    def applied(self, stage: str) -> Iterator[Numbers]:
+        """Yield the known times of the applied messages in a stage, in parts [ns]."""
+        for some, outcome in self.rows.parts(STAGES.index(stage), _RESULT):
+            yield some[(outcome == InputOutcome.APPLIED) & (some != UNKNOWN)]
+
+    def achieved(self, begin: int, end: int) -> Iterator[Numbers]:
+        """Yield the injected delays of what arrived, and was not lost, in a span of time [ns]."""
+        for arrival, injected, outcome in self.rows.parts(_ARRIVAL, _INJECTED, _RESULT):
+            inside = (arrival >= begin) & (arrival < end)
+            yield injected[inside & (outcome != InputOutcome.LOST)]
+
+    def lost(self, begin: int, end: int) -> int:
+        """Return the number of messages that were lost in a span of time."""
+        return sum(
+            int(((arrival >= begin) & (arrival < end) & (outcome == InputOutcome.LOST)).sum())
+            for arrival, outcome in self.rows.parts(_ARRIVAL, _RESULT)
+        )
 
 
 @dataclass(frozen=True)
@@ -104,7 +119,7 @@ class _Samples(Mapping[str, Durations]):
     account: _Input
 
     def __getitem__(self, stage: str) -> Durations:
-        return np.asarray(1e-9 * self.account.applied(stage), np.float64)
+        return np.concatenate([1e-9 * part for part in self.account.applied(stage)])
 
     def __iter__(self) -> Iterator[str]:
         return iter(STAGES)
@@ -163,7 +178,7 @@ class Ledger:
         for (consumer, topic), account in sorted(self._inputs.items()):
             if not len(account.rows):
                 continue
-            times = (stage_time(name, account.applied(name)) for name in STAGES)
+            times = (stage_time_of(name, partial(account.applied, name)) for name in STAGES)
             stages = tuple(time for time in times if time is not None)
             counts = account.counts()
             result.append(LedgerRow(consumer, topic, counts, stages, _Samples(account)))
@@ -175,35 +190,33 @@ class Ledger:
         for (consumer, topic), account in sorted(self._inputs.items()):
             if not len(account.rows) or not account.changes:
                 continue
-            arrivals = account.rows.column(_ARRIVAL)
-            injected = account.rows.column(_INJECTED)
-            lost = np.array(account.outcomes) == InputOutcome.LOST
             ordered = sorted(account.changes)
             # A change may be noted twice, from its own message and from the health after it.
             changes = [now for last, now in pairwise([(0, None), *ordered]) if last[1] != now[1]]
             # Nothing is known before the first change; its link is assumed to have held already.
             bounds = [-(2**62), *(at for at, _ in changes[1:]), 2**62]
             for (begin, end), (_, link) in zip(pairwise(bounds), changes, strict=True):
-                part = (arrivals >= begin) & (arrivals < end)
-                if link and part.any():
-                    achieved = 1e-9 * injected[part & ~lost]
-                    count = int((part & lost).sum())
-                    result.append(self._link(consumer, topic, link, achieved, count))
+                if not link:
+                    continue
+                achieved, lost = partial(account.achieved, begin, end), account.lost(begin, end)
+                row = self._link(consumer, topic, link, achieved, lost)
+                if row.passed or row.lost:
+                    result.append(row)
         return result
 
-    def _link(
-        self, consumer: str, topic: str, link: str, achieved: Durations, lost: int
-    ) -> LinkRow:
+    def _link(self, consumer: str, topic: str, link: str, achieved: Parts, lost: int) -> LinkRow:
         mean, p99 = self._requested.get(link) or _parsed(link)
+        passed = sum(map(len, achieved()))
+        total = sum(float(part.sum()) for part in achieved())
         return LinkRow(
             consumer=consumer,
             topic=topic,
             link=link,
             requested_mean=mean,
             requested_p99=p99,
-            achieved_mean=float(achieved.mean()) if len(achieved) else np.nan,
-            achieved_p99=float(np.percentile(achieved, 99)) if len(achieved) else np.nan,
-            passed=len(achieved),
+            achieved_mean=1e-9 * total / passed if passed else np.nan,
+            achieved_p99=1e-9 * quantiles(achieved, passed, (0.99,))[0] if passed else np.nan,
+            passed=passed,
             lost=lost,
         )
 

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from common.journal.tables import UNKNOWN, Table
+from common.order_statistics import Parts, order_statistics
 from common.schemas import StageTime
 
 STAGES = ("capture", "encode", "wire", "injected", "queue", "decode", "use", "total")
@@ -52,9 +53,20 @@ def stage_time(stage: Any, durations: Table) -> StageTime | None:
     """Return median and p99 of a stage's known ``durations`` (n,) [ns]; None without any."""
     if not len(durations):
         return None
-    last = len(durations) - 1
-    median, p99 = min(last, len(durations) // 2), min(last, int(0.99 * len(durations)))
-    ordered = np.partition(durations, (median, p99))
-    return StageTime(
-        stage=stage, median=1e-9 * float(ordered[median]), p99=1e-9 * float(ordered[p99])
-    )
+    ranks = _ranks(len(durations))
+    median, p99 = np.partition(durations, ranks)[list(ranks)].tolist()
+    return StageTime(stage=stage, median=1e-9 * median, p99=1e-9 * p99)
+
+
+def stage_time_of(stage: Any, durations: Parts) -> StageTime | None:
+    """Return the same as :func:`stage_time` of durations that do not fit in memory."""
+    count = sum(map(len, durations()))
+    if not count:
+        return None
+    median, p99 = order_statistics(durations, _ranks(count))
+    return StageTime(stage=stage, median=1e-9 * median, p99=1e-9 * p99)
+
+
+def _ranks(count: int) -> tuple[int, int]:
+    """Return where the median and the 99th percentile stand among sorted numbers."""
+    return count // 2, int(0.99 * count)

@@ -11,11 +11,11 @@
 #define NAME "template"
 #define SLOTS 4
 
-/* What differs between two messages: a count, another number, or the bytes of an array. */
+/* What differs between two messages: a count of the header, a number, or the bytes of an array. */
 typedef struct {
-    char kind; /* of struct: B, H, I, Q (counts), d (a number), s (an array) */
+    char kind; /* c: a count of the header, n: another integer, d: a number, s: an array */
     Py_ssize_t size;
-    Py_ssize_t to; /* of an array: where it goes in the block; of a count: 0 if in the header */
+    Py_ssize_t to; /* of an array: where it goes in the block */
     PyObject *name;
 } Hole;
 
@@ -140,12 +140,6 @@ static int put(PyObject *values, PyObject *name, PyObject *value)
     return status;
 }
 
-/* Return whether a hole is for a number outside arrays and header. */
-static int is_number(const Hole *hole)
-{
-    return hole->kind == 'd' || (hole->kind != 's' && hole->to);
-}
-
 /* Take a payload apart: 1, 0 if it is not like the template, or -1 with an exception set. */
 static int take_apart(const Template *t, const unsigned char *from, PyObject *header,
                       PyObject *numbers, unsigned char *block)
@@ -165,11 +159,12 @@ static int take_apart(const Template *t, const unsigned char *from, PyObject *he
             const uint64_t bits = big_endian(from, hole->size);
             double number;
             memcpy(&number, &bits, sizeof number);
-            if (hole->kind != 'd' && bits >> 63)
+            if (hole->kind == 'c' && bits >> 63)
                 return 0;
             PyObject *value = hole->kind == 'd' ? PyFloat_FromDouble(number)
                                                 : PyLong_FromUnsignedLongLong(bits);
-            if (put(is_number(hole) ? numbers : header, hole->name, value) < 0)
+            const int status = put(hole->kind == 'c' ? header : numbers, hole->name, value);
+            if (status < 0)
                 return -1;
         }
         from += hole->size;
@@ -325,11 +320,11 @@ static int set_holes(Template *t, PyObject *holes)
             PyErr_SetString(PyExc_ValueError, "an array lies outside the block");
             return -1;
         }
-        hole->kind = (char)kind;
-        if (is_number(hole) && t->check_numbers == Py_None) {
+        if ((kind == 'd' || kind == 'n') && t->check_numbers == Py_None) {
             PyErr_SetString(PyExc_ValueError, "numbers need a function that validates them");
             return -1;
         }
+        hole->kind = (char)kind;
         hole->name = Py_NewRef(name);
         t->holes_count++;
         t->size += hole->size;

@@ -114,15 +114,15 @@ class Template:
             shape = None if len(spec.shape) == 1 else spec.shape
             arrays.append((name, slice(start, stop), shape, stop - start, spec.unit))
             places[name] = 8 * start
-        # Those of the header come first.
-        targets = [0] * len(self.counts)
-        targets += [places.get(name, 1) for _, name in self.holes[len(targets) :]]
-        sizes = [struct.calcsize(f">{hole}") for hole, _ in self.holes]
+        # Counts of the header come first; what is neither a float nor an array is an integer.
+        kinds = "c" * len(self.counts) + "".join(
+            hole[-1] if hole[-1] in "ds" else "n" for hole, _ in self.holes[len(self.counts) :]
+        )
         prepared = _template.prepare(
             self.around,
             tuple(
-                (hole[-1], size, target, name)
-                for (hole, name), size, target in zip(self.holes, sizes, targets, strict=True)
+                (kind, struct.calcsize(f">{hole}"), places.get(name, 0), name)
+                for kind, (hole, name) in zip(kinds, self.holes, strict=True)
             ),
             tuple(arrays),
             (Header, set(Header.model_fields), self.header),
@@ -134,6 +134,10 @@ class Template:
             UNIT_TOLERANCE,
         )
         return partial(_template.read, prepared)
+
+    def moves(self, name: str, value: object) -> bool:
+        """Whether a field of another message is unlike this one's, or was of one before."""
+        return name in self.numbers or self.values[name] != value
 
 
 class _Outline:
@@ -176,16 +180,21 @@ def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple
     return tuple(counts)
 
 
-def _number_hole(value: Any, packed: bytes) -> str:
-    """Return the layout of the hole for a field's number; empty: it has none."""
+def _hole_of(value: object, packed: bytes, *, moves: bool) -> str:
+    """Return the layout of a number's hole; empty for what must be the same in all messages."""
     if isinstance(value, float):
         return "d"
-    # Members of an enumeration are other values than the numbers on the wire.
-    return _COUNTS.get(packed[0], "") if type(value) is int else ""
+    # The members of an enumeration are integers too, but have to be looked up.
+    return _COUNTS.get(packed[0], "") if moves and type(value) is int else ""
 
 
-def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
+def template_of(
+    payload: bytes, message: Message, arrays: ArrayLayout, before: Template | None = None
+) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
+
+    Integers outside the header have a hole if they differ from those of the template ``before``;
+    most of them never change, and what is in a hole has to be checked each time.
 
     Returns:
         None if it has parts that can be changed, or if the bytes are not exactly what
@@ -204,8 +213,13 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     for name, value in values.items():
         is_array = name in arrays.specs
         packed = packer.pack(value.tobytes() if is_array else value)
-        hole = f"{value.nbytes}s" if is_array else _number_hole(value, packed)
-        outline.add(packer.pack(name) + packed[: len(packed) - struct.calcsize(f">{hole}")])
+        if is_array:
+            hole = f"{value.nbytes}s"
+        else:
+            moves = before is not None and before.moves(name, value)
+            hole = _hole_of(value, packed, moves=moves)
+        size = struct.calcsize(f">{hole}")
+        outline.add(packer.pack(name) + packed[: len(packed) - size])
         if hole:
             places[name] = len(outline.around)
             outline.end_run(hole, name)

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
+from common.order_statistics import Parts, quantiles
 from common.schemas import UndesiredContact
 from deploy.launch import Outcome
 
@@ -25,13 +26,17 @@ class Quantiles(_Part):
     @classmethod
     def of(cls, samples: Iterable[float]) -> Self:
         """Compute median, 99th percentile and maximum; all are zero without samples."""
-        # A large array is not copied.
-        is_array = isinstance(samples, np.ndarray)
-        values = np.asarray(samples) if is_array else np.fromiter(samples, dtype=np.float64)
-        if not len(values):
+        values = np.fromiter(samples, dtype=np.float64)
+        return cls.of_parts(lambda: [values])
+
+    @classmethod
+    def of_parts(cls, samples: Parts) -> Self:
+        """Compute the same of samples that do not fit in memory."""
+        count = sum(map(len, samples()))
+        if not count:
             return cls()
-        median, p99, maximum = np.percentile(values, [50, 99, 100]).tolist()
-        return cls(samples=len(values), median=median, p99=p99, maximum=maximum)
+        median, p99, maximum = quantiles(samples, count, (0.5, 0.99, 1.0))
+        return cls(samples=count, median=median, p99=p99, maximum=maximum)
 
 
 class GaitCounts(_Part):

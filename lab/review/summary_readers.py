@@ -6,12 +6,14 @@ memory.
 """
 
 from array import array
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from common.order_statistics import Numbers
 from common.schemas import (
     ControllerState,
     GuardMode,
@@ -154,15 +156,20 @@ class TrackingReader:
         return Tracking(
             hand_position_mm=self._of_hands(0),
             hand_rotation_deg=self._of_hands(2),
-            dcm_mm=Quantiles.of(self._dcm_mm.column(0)),
+            dcm_mm=Quantiles.of_parts(partial(_numbers, self._dcm_mm, 0)),
             solver=next((last.solver for last in reversed(self._last.values())), ""),
             unsolved=sum(last.unsolved for last in self._last.values()),
         )
 
     def _of_hands(self, first: int) -> Quantiles:
         """Return the distribution over both hands, in columns ``first`` and the next."""
-        columns = [self._hands.column(first + side) for side in range(2)]
-        return Quantiles.of(np.concatenate(columns))
+        return Quantiles.of_parts(partial(_numbers, self._hands, first, first + 1))
+
+
+def _numbers(spool: Spool, *columns: int) -> Iterator[Numbers]:
+    """Yield all numbers of some columns in parts."""
+    for parts in spool.parts(*columns):
+        yield from parts
 
 
 @dataclass

@@ -16,6 +16,7 @@ from typing import Any, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from common import native
 from lab.errors import LabError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -171,12 +172,13 @@ def machine() -> str:
     """Return what decides the last digits of a result besides the code, in words.
 
     That is the instructions NumPy has found, the kernels OpenBLAS has chosen, which
-    ``OPENBLAS_CORETYPE`` can change, and the C library's version.
+    ``OPENBLAS_CORETYPE`` can change, the C library's version, and the project's own kernels in use.
     """
     simd: Any = np.show_config(mode="dicts")
     found = simd.get("SIMD Extensions", {}).get("found") or ["no extensions"]
     libc = " ".join(platform.libc_ver())
-    parts = (f"{platform.machine()} {found[-1]}", f"BLAS {_blas_kernels()}", libc)
+    blas = f"BLAS {_blas_kernels()}"
+    parts = (f"{platform.machine()} {found[-1]}", blas, libc, native.summary())
     return "; ".join(part for part in parts if part)
 
 

@@ -27,7 +27,7 @@ from common.runtime.replay.runs import (
 from common.runtime.service import Service
 from common.schemas import Message
 from common.topics import JOURNAL
-from common.wire.codec import decode
+from common.wire.decoder import Decoders
 from common.wire.header import wire_header
 
 Progress = Callable[[int, int], None]
@@ -85,6 +85,7 @@ class ReplayRunner:
         self._on_progress = on_progress
         self._inbox = Inbox(service.reads, service=service.name)
         self._inputs: dict[Key, Recorded] = {}
+        self._decoders = Decoders()
         self._steps: deque[Step] = deque()
         self._journals = StepReader(recorded)
         self._comparison = OutputComparison(
@@ -194,7 +195,7 @@ class ReplayRunner:
             return None
         schema: type[Message] = topic.schema
         try:
-            return decode(payload, schema, tag or None, item.injected_ns)
+            return self._decoders.decode(topic_name, payload, schema, tag or None, item.injected_ns)
         except SchemaError as error:
             self.report.stopped = f"step {step.number} took in what cannot be read today: {error}"
             return None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from common.errors import SchemaError
 from common.schemas import Message, ServiceHealth
-from common.wire.codec import decode
+from common.wire.decoder import Decoders
 from services.logger.errors import ExportError
 from services.logger.export.output import ExportFile, export_file
 from services.logger.export.robot import RobotModel
@@ -111,6 +111,7 @@ class _Conversion:
         self._topics = topics
         self._summary = summary
         self._clocks = SenderClocks()
+        self._decoders = Decoders()
         self._first_ns: int | None = None
         self._last_ns = 0
 
@@ -122,7 +123,7 @@ class _Conversion:
             self._summary.leave_out(name, reason)
             return
         try:
-            message = decode(raw.payload, topic.schema, raw.tag or None)
+            message = self._decoders.decode(raw.key, raw.payload, topic.schema, raw.tag or None)
             times = self._times(message, raw.log_time)
             samples = list(self._routes(topic.name, name, message, times))
         except (SchemaError, ExportError) as error:

@@ -12,7 +12,7 @@ from mcap.records import Message as McapMessage
 from common.errors import SchemaError
 from common.schemas import Message
 from common.topics import ALL_TOPICS, Topic
-from common.wire.codec import decode
+from common.wire.decoder import Decoders
 from services.logger.errors import DamagedLogError, LoggerError
 from services.logger.log_format import DELIVERY_METADATA, START_METADATA
 from services.logger.read.delivery import DeliveryCount, DeliveryStats
@@ -151,11 +151,12 @@ class LogReader:
             LoggerError: a file cannot be opened, is not an MCAP log, or is damaged before its end.
         """
         self.refused.clear()
+        decoders = Decoders()
         for raw in self.raw_messages():
             if raw.topic is None:
                 continue
             try:
-                message = decode(raw.payload, raw.topic.schema, raw.tag or None)
+                message = decoders.decode(raw.key, raw.payload, raw.topic.schema, raw.tag or None)
             except SchemaError as error:
                 self.refused[raw.topic.name] += 1
                 self.last_refusal = str(error)

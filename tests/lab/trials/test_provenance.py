@@ -154,3 +154,16 @@ def test_the_kind_of_processor_is_named_with_the_kernels_that_work() -> None:
     )
     # Only on this kind of processor does OpenBLAS know those kernels.
     assert (done.stdout.strip() == machine()) == (platform.machine() != "x86_64")
+
+
+def test_the_machine_tells_whether_compiled_kernels_are_in_use() -> None:
+    code = "from lab.trials.provenance import machine; print(machine())"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | {"TRILL_NATIVE": "0"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.endswith("; no compiled kernels (TRILL_NATIVE=0)\n")
