@@ -60,10 +60,12 @@ def kernels() -> dict[str, bool]:
 
 
 def summary() -> str:
-    """Say in one line which kernels are in use."""
+    """Say in a few words which kernels are in use."""
     found = kernels()
-    used = [name for name, is_used in found.items() if is_used]
-    if used:
-        return f"{len(used)} of {len(found)} compiled kernels: {', '.join(used)}"
-    why = f"{VARIABLE}=0" if os.environ.get(VARIABLE) == "0" else "not built"
-    return f"0 of {len(found)} compiled kernels ({why})"
+    if all(found.values()):
+        return f"{len(found)} compiled kernels"
+    if not any(found.values()):
+        why = f"{VARIABLE}=0" if os.environ.get(VARIABLE) == "0" else "not built"
+        return f"no compiled kernels ({why})"
+    missing = ", ".join(name for name, is_used in found.items() if not is_used)
+    return f"{sum(found.values())} compiled kernels, without {missing}"

@@ -31,6 +31,9 @@ class Role(StrEnum):
     """Reads every topic and publishes only its own health."""
     REPLAY = "replay"
     """Publishes every topic of a recording, under another robot's name."""
+    SERVER = "server"
+    """Computes for a service that asks it, and publishes nothing. Like a tool it has no row in the
+    table, so that there may be several."""
     TOOL = "tool"
     """A command that a person runs beside the services (`trill mark`, `trill latency`, `trill up`):
     reads what an observer reads. Tools have no row in the table and listen on no port of it."""
@@ -70,7 +73,7 @@ SERVICES: tuple[KnownService, ...] = (
 )
 """Every service that has a port.
 
-``policy`` (a learned operator), ``plant`` and ``bridge`` are reserved: they have no code yet.
+``plant`` and ``bridge`` are reserved: they have no code yet.
 ``sim`` is the simulated plant and ``plant`` the driver of a real robot, so both have the role
 PLANT; a system runs one of them.
 """

@@ -49,8 +49,15 @@ EPISODES = Query(
     "which episode is being recorded, and the next one's number",
     answerer="recorder",
 )
+INFERENCE = Query(
+    "inference",
+    (Role.SERVER,),
+    (Role.OPERATOR,),
+    "a policy's frames and memory; what its network decides, and the memory after it",
+    answerer="server",
+)
 
-ALL_QUERIES = (CLOCK, LINKS, SCHEMA, EPISODES)
+ALL_QUERIES = (CLOCK, LINKS, SCHEMA, EPISODES, INFERENCE)
 """Every query there is."""
 
 

@@ -137,6 +137,25 @@ def operator_process(*args: str, foreground: bool = False) -> ProcessSpec:
     )
 
 
+def policy_process(checkpoint: Path, *, remote: bool = False) -> ProcessSpec:
+    """Declare a policy that operates the robot whenever nobody else does.
+
+    Args:
+        checkpoint: its folder.
+        remote: an inference server computes; it is started apart.
+    """
+    where = ("--remote",) if remote else ()
+    return ProcessSpec(
+        "policy",
+        "services.policy",
+        (str(checkpoint), "--stay", *where),
+        restart=True,
+        # A person may take the robot without it.
+        essential=False,
+        stop_order=_FIRST,
+    )
+
+
 def environment(bus: BusConfig, config: Path | None, links: str = "") -> dict[str, str]:
     """Return the variables that make all processes of one system use the same bus and links.
 

@@ -17,3 +17,7 @@ class DatasetError(LabError):
 
 class LatencyStudyError(LabError):
     """The latency study cannot be run, read or drawn."""
+
+
+class TrainingError(LabError):
+    """A policy cannot be trained."""

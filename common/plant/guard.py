@@ -79,7 +79,8 @@ def refuse_values(command: JointCommand) -> Refusal | None:
     )
     # NaN compares as out of range.
     allowed = (values >= _LOWEST) & (values <= _HIGHEST)
-    if allowed.all():
+    # Several times faster than .all() on arrays this small.
+    if b"\0" not in allowed.tobytes():
         return None
     if not np.isfinite(values).all():
         return Refusal.NOT_FINITE

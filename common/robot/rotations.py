@@ -6,7 +6,7 @@ components in A. Angles are in rad. Nothing here validates its input.
 """
 
 from collections.abc import Sequence
-from math import asin, atan2, copysign, cos, pi, sin, sqrt
+from math import asin, atan2, copysign, cos, sin, sqrt
 
 import numpy as np
 
@@ -36,7 +36,7 @@ def rotate_about_z(vector: Array, angle: float) -> Array:
 
 def normalised(quaternion: Array) -> Array:
     """Return ``quaternion`` (4,) scaled to norm one; its norm must not be zero."""
-    return quaternion / np.linalg.norm(quaternion)
+    return quaternion / sqrt(float(quaternion @ quaternion))
 
 
 def conjugate(quaternion: Array) -> Array:
@@ -87,9 +87,10 @@ def rotated(quaternion: Sequence[float], vector: Sequence[float]) -> tuple[float
 
 def quaternion_from_rotation_vector(vector: Array) -> Array:
     """Return the quaternion (4,) of a rotation vector (3,) of any length."""
-    angle = float(np.linalg.norm(vector))
-    # sinc keeps the small-angle limit exact: sin(a/2)/a = sinc(a/2pi)/2.
-    return np.concatenate([[cos(angle / 2)], 0.5 * np.sinc(angle / (2 * pi)) * vector])
+    x, y, z = vector.tolist()
+    angle = sqrt(x * x + y * y + z * z)
+    scale = 0.5 if angle < 1e-9 else sin(0.5 * angle) / angle
+    return np.array([cos(0.5 * angle), scale * x, scale * y, scale * z])
 
 
 def rotation_between(start: Array, end: Array) -> Array:

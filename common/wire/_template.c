@@ -13,7 +13,7 @@
 
 /* What differs between two messages: a count of the header, a number, or the bytes of an array. */
 typedef struct {
-    char kind; /* of struct: B, H, I, Q (counts), d (a number), s (an array) */
+    char kind; /* c: a count of the header, n: another integer, d: a number, s: an array */
     Py_ssize_t size;
     Py_ssize_t to; /* of an array: where it goes in the block */
     PyObject *name;
@@ -40,7 +40,7 @@ typedef struct {
     Hole *holes;
     Array *arrays;
     Made header, message;
-    PyObject *check_floats, *refusal; /* a function or None; its exception */
+    PyObject *check_numbers, *refusal; /* a function or None; its exception */
     PyObject *frombuffer, *dtype;
     double tolerance;
     PyObject *slots[SLOTS]; /* names of a model's slots, as in builder.py */
@@ -68,7 +68,7 @@ static void free_template(PyObject *capsule)
         Py_XDECREF(made->fields_set);
         Py_XDECREF(made->values);
     }
-    Py_XDECREF(t->check_floats);
+    Py_XDECREF(t->check_numbers);
     Py_XDECREF(t->refusal);
     Py_XDECREF(t->frombuffer);
     Py_XDECREF(t->dtype);
@@ -142,7 +142,7 @@ static int put(PyObject *values, PyObject *name, PyObject *value)
 
 /* Take a payload apart: 1, 0 if it is not like the template, or -1 with an exception set. */
 static int take_apart(const Template *t, const unsigned char *from, PyObject *header,
-                      PyObject *floats, unsigned char *block)
+                      PyObject *numbers, unsigned char *block)
 {
     for (Py_ssize_t i = 0;; i++) {
         PyObject *run = PyTuple_GetItem(t->around, i);
@@ -159,11 +159,11 @@ static int take_apart(const Template *t, const unsigned char *from, PyObject *he
             const uint64_t bits = big_endian(from, hole->size);
             double number;
             memcpy(&number, &bits, sizeof number);
-            if (hole->kind != 'd' && bits >> 63)
+            if (hole->kind == 'c' && bits >> 63)
                 return 0;
-            const int status =
-                hole->kind == 'd' ? put(floats, hole->name, PyFloat_FromDouble(number))
-                                  : put(header, hole->name, PyLong_FromUnsignedLongLong(bits));
+            PyObject *value = hole->kind == 'd' ? PyFloat_FromDouble(number)
+                                                : PyLong_FromUnsignedLongLong(bits);
+            const int status = put(hole->kind == 'c' ? header : numbers, hole->name, value);
             if (status < 0)
                 return -1;
         }
@@ -192,9 +192,9 @@ static int put_arrays(const Template *t, PyObject *values, PyObject *bytes)
 }
 
 /* Validate the numbers outside arrays: 1, 0 if they are refused, or -1 with an exception set. */
-static int put_floats(const Template *t, PyObject *values, PyObject *floats)
+static int put_numbers(const Template *t, PyObject *values, PyObject *numbers)
 {
-    PyObject *checked = PyObject_CallFunctionObjArgs(t->check_floats, floats, NULL);
+    PyObject *checked = PyObject_CallFunctionObjArgs(t->check_numbers, numbers, NULL);
     if (checked == NULL) {
         if (!PyErr_ExceptionMatches(t->refusal))
             return -1;
@@ -229,19 +229,19 @@ static PyObject *read_message(PyObject *module, PyObject *args)
         Py_RETURN_NONE;
     PyObject *header = PyDict_Copy(t->header.values);
     PyObject *values = PyDict_Copy(t->message.values);
-    PyObject *floats = t->check_floats == Py_None ? NULL : PyDict_New();
+    PyObject *numbers = t->check_numbers == Py_None ? NULL : PyDict_New();
     PyObject *bytes = PyBytes_FromStringAndSize(NULL, t->block_size);
     int status = -1;
     if (header != NULL && values != NULL && bytes != NULL &&
-        (floats != NULL || t->check_floats == Py_None)) {
+        (numbers != NULL || t->check_numbers == Py_None)) {
         unsigned char *block = (unsigned char *)PyBytes_AsString(bytes);
-        status = take_apart(t, (const unsigned char *)PyBytes_AsString(payload), header, floats,
+        status = take_apart(t, (const unsigned char *)PyBytes_AsString(payload), header, numbers,
                             block);
         if (status == 1)
             status = arrays_are_good(t, block);
     }
-    if (status == 1 && floats != NULL)
-        status = put_floats(t, values, floats);
+    if (status == 1 && numbers != NULL)
+        status = put_numbers(t, values, numbers);
     if (status == 1) {
         const int was_injected = PyObject_IsTrue(injected);
         if (was_injected < 0 ||
@@ -259,7 +259,7 @@ static PyObject *read_message(PyObject *module, PyObject *args)
     }
     Py_XDECREF(header);
     Py_XDECREF(values);
-    Py_XDECREF(floats);
+    Py_XDECREF(numbers);
     Py_XDECREF(bytes);
     return message;
 }
@@ -320,7 +320,7 @@ static int set_holes(Template *t, PyObject *holes)
             PyErr_SetString(PyExc_ValueError, "an array lies outside the block");
             return -1;
         }
-        if (kind == 'd' && t->check_floats == Py_None) {
+        if ((kind == 'd' || kind == 'n') && t->check_numbers == Py_None) {
             PyErr_SetString(PyExc_ValueError, "numbers need a function that validates them");
             return -1;
         }
@@ -365,7 +365,7 @@ static PyObject *prepare(PyObject *module, PyObject *args)
         return NULL;
     }
     t->around = Py_NewRef(around);
-    t->check_floats = Py_NewRef(check);
+    t->check_numbers = Py_NewRef(check);
     t->refusal = Py_NewRef(refusal);
     t->frombuffer = Py_NewRef(frombuffer);
     t->dtype = Py_NewRef(dtype);

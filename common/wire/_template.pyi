@@ -16,7 +16,7 @@ def prepare(
     arrays: tuple[tuple[str, slice, tuple[int, ...] | None, int, bool], ...],
     header: tuple[type[BaseModel], set[str], dict[str, Any]],
     message: tuple[type[BaseModel], set[str], dict[str, Any]],
-    check_floats: Callable[[dict[str, Any]], dict[str, Any]] | None,
+    check_numbers: Callable[[dict[str, Any]], dict[str, Any]] | None,
     refusal: type[Exception],
     frombuffer: Any,
     dtype: np.dtype[np.float64],

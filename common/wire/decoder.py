@@ -7,7 +7,7 @@ from common.wire.arrays import array_layout
 from common.wire.builder import has_validators
 from common.wire.codec import decode
 from common.wire.schema import schema_tag
-from common.wire.template import Reader, template_of
+from common.wire.template import Reader, Template, template_of
 
 M = TypeVar("M", bound=Message)
 
@@ -34,8 +34,10 @@ class Decoder(Generic[M]):
         self._arrays = array_layout(schema)
         # A validator may judge a message by what is in its arrays.
         self._learns = bool(self._arrays.specs) and not has_validators(schema)
+        self._templates: dict[int, Template] = {}
+        """By the size of their messages."""
         self._readers: dict[int, Reader] = {}
-        """Those of the templates, by the size of their messages."""
+        """Those of the templates."""
         self._balance = _HIGHEST_BALANCE
         """Of the time that templates have saved and cost."""
 
@@ -58,10 +60,13 @@ class Decoder(Generic[M]):
         return message
 
     def _remember(self, payload: bytes, message: M) -> None:
-        template = template_of(payload, message, self._arrays)
+        before = self._templates.get(len(payload))
+        template = template_of(payload, message, self._arrays, before)
         if template is not None:
-            if len(self._readers) >= _MAX_TEMPLATES:
+            if len(self._templates) >= _MAX_TEMPLATES:
+                self._templates.clear()
                 self._readers.clear()
+            self._templates[len(payload)] = template
             self._readers[len(payload)] = template.reader()
 
 

@@ -49,9 +49,9 @@ class Template:
         around: the bytes around the holes.
         holes: layout of each, for :mod:`struct`, and the field that it belongs to.
         counts: fields of the header that have a hole; theirs come first.
-        floats: other fields with a hole that are numbers.
-        floats_of: returns what is in their holes.
-        check_floats: validates them; None if there are none.
+        numbers: other fields with a hole that are numbers.
+        numbers_of: returns what is in their holes.
+        check_numbers: validates them; None if there are none.
         header: values of all its fields.
         values: of all fields of the message, in the order of the schema.
         arrays: its array fields.
@@ -64,9 +64,9 @@ class Template:
     around: tuple[bytes, ...]
     holes: tuple[tuple[str, str], ...]
     counts: tuple[str, ...]
-    floats: tuple[str, ...]
-    floats_of: Callable[[Any], tuple[float, ...]]
-    check_floats: Callable[[dict[str, Any]], dict[str, Any]] | None
+    numbers: tuple[str, ...]
+    numbers_of: Callable[[Any], tuple[float, ...]]
+    check_numbers: Callable[[dict[str, Any]], dict[str, Any]] | None
     header: dict[str, Any]
     values: dict[str, Any]
     arrays: ArrayLayout
@@ -94,9 +94,9 @@ class Template:
         values = dict(self.values)
         values["header"] = _assemble_header(header)
         try:
-            if self.check_floats is not None:
-                floats = dict(zip(self.floats, self.floats_of(holes), strict=True))
-                values.update(self.check_floats(floats))
+            if self.check_numbers is not None:
+                numbers = dict(zip(self.numbers, self.numbers_of(holes), strict=True))
+                values.update(self.check_numbers(numbers))
             views = checked_views(b"".join(self.pieces_of(holes)), self.arrays)
         except (SchemaError, ValidationError):
             return None
@@ -114,20 +114,30 @@ class Template:
             shape = None if len(spec.shape) == 1 else spec.shape
             arrays.append((name, slice(start, stop), shape, stop - start, spec.unit))
             places[name] = 8 * start
-        holes = [(hole[-1], struct.calcsize(f">{hole}"), name) for hole, name in self.holes]
+        # Counts of the header come first; what is neither a float nor an array is an integer.
+        kinds = "c" * len(self.counts) + "".join(
+            hole[-1] if hole[-1] in "ds" else "n" for hole, _ in self.holes[len(self.counts) :]
+        )
         prepared = _template.prepare(
             self.around,
-            tuple((kind, size, places.get(name, 0), name) for kind, size, name in holes),
+            tuple(
+                (kind, struct.calcsize(f">{hole}"), places.get(name, 0), name)
+                for kind, (hole, name) in zip(kinds, self.holes, strict=True)
+            ),
             tuple(arrays),
             (Header, set(Header.model_fields), self.header),
             (self.schema, set(self.schema.model_fields), self.values),
-            self.check_floats,
+            self.check_numbers,
             ValidationError,
             np.frombuffer,
             FLOAT64,
             UNIT_TOLERANCE,
         )
         return partial(_template.read, prepared)
+
+    def moves(self, name: str, value: object) -> bool:
+        """Whether a field of another message is unlike this one's, or was of one before."""
+        return name in self.numbers or self.values[name] != value
 
 
 class _Outline:
@@ -170,8 +180,21 @@ def _add_header(outline: _Outline, header: dict[str, Any], packer: Any) -> tuple
     return tuple(counts)
 
 
-def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Template | None:
+def _hole_of(value: object, packed: bytes, *, moves: bool) -> str:
+    """Return the layout of a number's hole; empty for what must be the same in all messages."""
+    if isinstance(value, float):
+        return "d"
+    # The members of an enumeration are integers too, but have to be looked up.
+    return _COUNTS.get(packed[0], "") if moves and type(value) is int else ""
+
+
+def template_of(
+    payload: bytes, message: Message, arrays: ArrayLayout, before: Template | None = None
+) -> Template | None:
     """Make a template of a message and the bytes that it was decoded from.
+
+    Integers outside the header have a hole if they differ from those of the template ``before``;
+    most of them never change, and what is in a hole has to be checked each time.
 
     Returns:
         None if it has parts that can be changed, or if the bytes are not exactly what
@@ -188,15 +211,20 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
     counts = _add_header(outline, header, packer)
     places: dict[str, int] = {}
     for name, value in values.items():
-        is_array, is_float = name in arrays.specs, isinstance(value, float)
+        is_array = name in arrays.specs
         packed = packer.pack(value.tobytes() if is_array else value)
-        size = value.nbytes if is_array else 8 if is_float else 0
+        if is_array:
+            hole = f"{value.nbytes}s"
+        else:
+            moves = before is not None and before.moves(name, value)
+            hole = _hole_of(value, packed, moves=moves)
+        size = struct.calcsize(f">{hole}")
         outline.add(packer.pack(name) + packed[: len(packed) - size])
-        if size:
+        if hole:
             places[name] = len(outline.around)
-            outline.end_run("d" if is_float else f"{size}s", name)
+            outline.end_run(hole, name)
     outline.end_run()
-    floats = tuple(name for name in places if name not in arrays.specs)
+    numbers = tuple(name for name in places if name not in arrays.specs)
     form = struct.Struct(outline.layout)
     around = tuple(outline.around)
     if form.size != len(payload) or form.unpack(payload)[::2] != around:
@@ -207,9 +235,9 @@ def template_of(payload: bytes, message: Message, arrays: ArrayLayout) -> Templa
         around=around,
         holes=tuple(outline.holes),
         counts=counts,
-        floats=floats,
-        floats_of=getter([places[name] for name in floats]),
-        check_floats=fields_validator(type(message), floats) if floats else None,
+        numbers=numbers,
+        numbers_of=getter([places[name] for name in numbers]),
+        check_numbers=fields_validator(type(message), numbers) if numbers else None,
         header=header,
         values=dict(message.__dict__),
         arrays=arrays,

@@ -12,6 +12,7 @@ from common.links.spec import LinkSpec
 from common.runtime.live.config import RuntimeConfig
 from common.transport.config import BusConfig
 from docs.reference.fields import Model, details_of, nested_models, summary_of, table
+from lab.learning.training.config import TrainingConfig
 from services.logger.record.config import LoggerConfig
 from services.policy.kinds import CONFIGS
 from services.policy.serving.config import PolicyConfig
@@ -88,6 +89,7 @@ ENVIRONMENT: Mapping[str, str] = {
     "TRILL_CONNECT": "`[bus] connect`, likewise",
     "TRILL_LINKS": "`[links]` as `name=spec; name=spec`; `;;` separates sources, the later wins",
     "TRILL_RT_PRIORITY": "`[runtime] rt_priority`",
+    "TRILL_NATIVE": "no key; `0`: Python does the work of the compiled kernels",
 }
 """Variables that every service reads."""
 
@@ -147,6 +149,12 @@ What a policy observes, what its network is and how it is trained. A checkpoint 
 the table `policy` of its `config.json`; `kind` chooses one of the first tables below.
 """
 
+TRAINING = """## Training
+
+How `trill train` learns. `--set training.KEY=VALUE` sets these keys, `--set policy.KEY=VALUE` those
+of the policy; the recipe, which `--show` prints with all keys, sets others than the defaults.
+"""
+
 
 def configuration_page() -> str:
     """Return the page as Markdown."""
@@ -163,6 +171,7 @@ def configuration_page() -> str:
     parts += [SCRIPTS, *_sections(Script, paths, shown), POLICIES]
     for policy in CONFIGS.values():
         parts += _sections(policy, paths, shown)
+    parts += [TRAINING, *_sections(TrainingConfig, paths, shown)]
     return "\n".join(parts).rstrip() + "\n"
 
 
@@ -170,7 +179,7 @@ def covered() -> set[Model]:
     """Return the models that have a section on the page."""
     shown: set[Model] = set()
     models: list[Model] = [model for entry in TABLES for model in entry.models]
-    models += [Script, *CONFIGS.values()]
+    models += [Script, *CONFIGS.values(), TrainingConfig]
     for model in models:
         _sections(model, {}, shown)
     return shown

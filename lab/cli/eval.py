@@ -1,6 +1,7 @@
 """``trill eval``: how often a policy succeeds in a scored task."""
 
 import argparse
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from lab.trials import options
 if TYPE_CHECKING:
     from lab.learning.evaluation.summary import Start, Trial
     from lab.trials.operators.specs import PolicySpec
-    from lab.trials.spec import TrialSpec
+    from lab.trials.spec import TrialResult, TrialSpec
 
 ROOT = Path("runs/evaluations")
 HELD_OUT = "0:25"
@@ -98,13 +99,15 @@ def run(arguments: argparse.Namespace) -> int:
         raise ConfigError("expected --seeds or --trials, got both")
     trials, out = _trials(arguments)
     operator = _operator_times(arguments.operator, trials)
-    results = run_shown(
-        trials,
-        out,
-        arguments.jobs,
-        arguments.ray,
-        lambda spec, result: f"{label_of(spec)}: {result_text(result)}",
-    )
+
+    def line(spec: "TrialSpec", result: "TrialResult") -> str:
+        return f"{label_of(spec)}: {result_text(result)}"
+
+    try:
+        results = run_shown(trials, out, arguments.jobs, arguments.ray, line)
+    except KeyboardInterrupt:
+        print(f"\nstopped; {out} is kept: the same command continues it", file=sys.stderr)
+        raise
     done = list(zip(trials, results, strict=True))
     console = Console()
     # A table cut to the 80 columns of a pipe would lose its numbers.

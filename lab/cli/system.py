@@ -2,6 +2,7 @@
 
 import argparse
 import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
@@ -12,6 +13,7 @@ from lab.cli.commands import Action
 
 if TYPE_CHECKING:
     from deploy.launch import RunResult
+    from deploy.process import ProcessSpec
 
 DEMO = """Start the whole system and watch it in a live table until the operator's script ends.
 Plant, cameras, whole-body controller, scripted operator and logger are separate processes that talk
@@ -46,7 +48,10 @@ UP = """Start the robot's side (plant, cameras, whole-body controller, logger) w
 and show the live table until Ctrl-C. A service that fails is restarted, up to three times.
 Operators come and go in terminals of their own, and start after it: one that waits already keeps a
 port that it needs. With --task, an operator that comes while no other
-one is there begins a new trial: the plant is reset."""
+one is there begins a new trial: the plant is reset.
+
+With --policy, a policy operates the robot whenever nobody else has it. A person takes the robot
+with an operator of their own and gives it back; the policy then goes on."""
 UP_EXAMPLES = """examples:
   trill up
   trill up --no-record                writes no log
@@ -54,6 +59,9 @@ UP_EXAMPLES = """examples:
   python -m services.teleop keyboard                                      or control it yourself
   trill up --task door/unlock --seed 7
   python -m services.teleop synthetic --task door/unlock --seed 7         in another terminal
+  trill up --task door/unlock --policy runs/unlock/best
+  python -m services.teleop keyboard           takes the robot from it by Enter, and gives it back
+  trill up --policy runs/unlock/best --remote  a server computes: python -m services.policy.server
 """
 
 
@@ -173,12 +181,46 @@ def _drive(arguments: argparse.Namespace) -> int:
 def _up_arguments(parser: argparse.ArgumentParser) -> None:
     _add_system_options(parser)
     parser.add_argument("--no-record", action="store_true", help="write no log")
+    parser.add_argument(
+        "--policy",
+        type=Path,
+        metavar="CHECKPOINT",
+        help="folder of a policy that operates the robot whenever nobody else does",
+    )
+    parser.add_argument(
+        "--remote", action="store_true", help="of the policy: an inference server computes"
+    )
+
+
+def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
+    """Return the policy to start, if one is wanted.
+
+    Raises:
+        ConfigError: options contradict each other.
+        CheckpointError: the checkpoint cannot be served.
+    """
+    from deploy.system import policy_process
+    from services.policy.checkpoint.manifest import describe
+
+    if arguments.policy is None:
+        if arguments.remote:
+            raise ConfigError("--remote says where a policy computes; give --policy too")
+        return []
+    # Before anything is started.
+    cameras = describe(arguments.policy).manifest.interface.cameras
+    if cameras and arguments.no_cameras:
+        raise ConfigError(
+            f"{arguments.policy} sees through the {' and '.join(cameras)} camera; expected the "
+            "cameras to run: leave out --no-cameras"
+        )
+    return [policy_process(arguments.policy.resolve(), remote=arguments.remote)]
 
 
 def _up(arguments: argparse.Namespace) -> int:
     from lab.live.drive import run_up
 
-    ended = run_up(_system_options(arguments, restart=True), arguments.base_port)
+    policies = _policies(arguments)
+    ended = run_up(_system_options(arguments, restart=True), arguments.base_port, policies)
     if arguments.no_record:
         print(f"{ended.verdict.outcome}: {ended.verdict.reason}; output in {ended.run_dir}")
         return int(ended.verdict.outcome != "completed")

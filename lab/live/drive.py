@@ -1,8 +1,10 @@
 """Run the whole system under a person's keys, or the robot's side alone."""
 
 import time
+from collections.abc import Sequence
 
 from deploy.launch import RunResult, Verdict, running_system
+from deploy.process import ProcessSpec
 from deploy.system import SystemOptions, operator_process, terminal
 from lab.errors import LabError
 from lab.live.loop import essential_exit, show_until_verdict
@@ -33,17 +35,22 @@ def run_drive(options: SystemOptions, base_port: int | None = None) -> RunResult
     return RunResult(running.run_dir, verdict)
 
 
-def run_up(options: SystemOptions, base_port: int | None = None) -> RunResult:
-    """Run the robot's side with the live table until Ctrl-C.
+def run_up(
+    options: SystemOptions, base_port: int | None = None, operators: Sequence[ProcessSpec] = ()
+) -> RunResult:
+    """Run the robot's side and ``operators`` with the live table until Ctrl-C.
 
-    Operators come and go by themselves. With a task, a new operator begins a new trial.
+    Other operators come and go by themselves. With a task, a new operator begins a new trial.
 
     Raises:
         DeployError: the system cannot be started.
         BusError: the live table cannot reach the bus.
     """
     verdict = Verdict("completed", "stopped by Ctrl-C")
-    with running_system(options, base_port) as running, monitored(running.bus) as monitor:
+    with (
+        running_system(options, base_port, operators) as running,
+        monitored(running.bus) as monitor,
+    ):
         starter = TrialStarter(monitor.session, running.bus.robot)
         verdict = show_until_verdict(
             running,

@@ -19,6 +19,7 @@ from common.schemas import (
     OperatorStatus,
     PeerHealth,
     PlantStatus,
+    PolicyState,
     ServiceHealth,
     TaskStatus,
 )
@@ -27,6 +28,7 @@ from common.topics import (
     HEALTH,
     HEARTBEAT,
     PLANT_STATUS,
+    POLICY_STATE,
     TASK_STATUS,
     TELEOP_STATUS,
     WBC_AUTHORITY,
@@ -150,6 +152,7 @@ class Snapshot:
     operator: OperatorStatus | None = None
     task: TaskStatus | None = None
     authority: AuthorityState | None = None
+    policy: PolicyState | None = None
 
     @property
     def inputs(self) -> tuple[InputRow, ...]:
@@ -255,6 +258,7 @@ class BusStats:
             operator=self.latest(TELEOP_STATUS),
             task=self.latest(TASK_STATUS),
             authority=self.latest(WBC_AUTHORITY),
+            policy=self.latest(POLICY_STATE),
         )
 
     def _service(self, health: ServiceHealth, age: float, now_ns: int) -> ServiceRow:

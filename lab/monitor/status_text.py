@@ -7,6 +7,8 @@ from common.schemas import (
     ControllerState,
     GuardMode,
     PlantStatus,
+    PolicyMode,
+    PolicyState,
     TaskStatus,
     TaskVerdict,
 )
@@ -42,6 +44,8 @@ def format_line(view: Snapshot) -> str:
         parts.append(format_plant(view.plant))
     if view.authority is not None:
         parts.append(format_authority(view.authority, view.plant))
+    if view.policy is not None:
+        parts.append(f"policy {format_policy(view.policy)}")
     dead = [row.health.service for row in view.services if not row.alive]
     if dead:
         parts.append(f"silent: {', '.join(dead)}")
@@ -133,6 +137,44 @@ def format_authority(authority: AuthorityState, plant: PlantStatus | None) -> st
     if authority.ignored:
         text += f"; messages of others ignored: {authority.ignored}"
     return text
+
+
+def format_policy(policy: PolicyState) -> str:
+    """Format what a policy does, its ages and delays, and the answers that it dropped."""
+    times = {
+        "picture": policy.picture_age,
+        "delay": policy.delay,
+        # In its own step the inference takes no time of the runner's clock.
+        "answer": policy.round_trip if policy.inference >= 0.0 else -1.0,
+        "inference": policy.inference,
+    }
+    known = [f"{name} {1e3 * value:.0f} ms" for name, value in times.items() if value >= 0.0]
+    counts = {
+        "late": policy.late,
+        "not asked for": policy.unasked,
+        "refused": policy.refused,
+        "requests without an answer": policy.unanswered,
+    }
+    dropped = [f"{name} {count}" for name, count in counts.items() if count]
+    skipped = f", {policy.compensated} steps skipped" if policy.compensated else ""
+    # The label says the mode, except while all is well.
+    said = policy.label if policy.mode is not PolicyMode.OK else "ok"
+    return (
+        f"{policy.policy} {policy.checkpoint[:8]} {said}, {policy.answers} answers, "
+        f"{', '.join(known) or 'no times yet'}{skipped}"
+        + (f"; dropped: {', '.join(dropped)}" if dropped else "")
+    )
+
+
+def policy_line(policy: PolicyState) -> Text:
+    """Format the same as a coloured line of the table."""
+    style = {PolicyMode.OK: "", PolicyMode.WAITING: "dim", PolicyMode.DEGRADED: "yellow"}
+    return Text.assemble(
+        ("policy      ", "dim"),
+        (format_policy(policy), style.get(policy.mode, "bold red")),
+        no_wrap=True,
+        overflow="ellipsis",
+    )
 
 
 def format_task(task: TaskStatus) -> str:

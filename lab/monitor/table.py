@@ -34,6 +34,7 @@ from lab.monitor.status_text import (
     format_authority,
     format_controller,
     format_plant,
+    policy_line,
     task_line,
     warnings,
 )
@@ -68,6 +69,7 @@ def render_table(
     parts: list[RenderableType] = [
         Text(title, style="bold"),
         _robot(view),
+        *([] if view.policy is None else [policy_line(view.policy)]),
         *([] if view.task is None else [task_line(view.task)]),
         _operator(view.operator),
         *(Text(line, style=BAD, no_wrap=True, overflow="ellipsis") for line in warnings(view)),
@@ -84,7 +86,8 @@ def render_table(
         ledger *= content is Content.LEDGER
     if height is not None:
         headings = bool(topics) + bool(ledger)
-        head = _HEADER_LINES + (view.task is not None) + len(warnings(view))
+        more = (view.task is not None) + (view.policy is not None)
+        head = _HEADER_LINES + more + len(warnings(view))
         topics, ledger = share_lines(height - head - taken - headings, topics, ledger)
     parts += [_topics(view.topics, topics)] if topics else []
     parts += [_ledger(view.ledger, ledger)] if ledger else []

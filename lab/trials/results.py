@@ -177,7 +177,7 @@ class TrialFile:
 
 
 def run_trial(codes: Mapping[str, CodeVersion], spec: TrialSpec) -> TrialResult:
-    """Run one trial in a worker.
+    """Run one trial in a worker; if its simulation fails, the verdict is ``error``.
 
     Args:
         codes: version of the campaign's code, by kind of operator.
@@ -194,7 +194,7 @@ def run_trial(codes: Mapping[str, CodeVersion], spec: TrialSpec) -> TrialResult:
 
     stack = TaskStack(spec)
     stillness = Stillness(stack)
-    return stack.run().model_copy(update={"still": stillness.seconds})
+    return stack.run_or_error().model_copy(update={"still": stillness.seconds})
 
 
 def run_trials(
@@ -215,7 +215,7 @@ def run_trials(
         on_message: called with what the user should know of the workers.
 
     Raises:
-        TrillError: a trial failed other than by its verdict, or cost several workers.
+        TrillError: a trial could not be begun, or cost several workers.
     """
 
     def keep(spec: TrialSpec, result: TrialResult) -> None:

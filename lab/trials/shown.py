@@ -29,7 +29,7 @@ def run_shown(
 
     Raises:
         ConfigError: ``out`` cannot be used.
-        TrillError: a trial failed other than by its verdict, or cost several workers.
+        TrillError: a trial could not be begun, or cost several workers.
     """
     try:
         file = TrialFile(out)

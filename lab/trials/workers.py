@@ -17,9 +17,11 @@ from common.program import ENDING
 
 T = TypeVar("T")
 
-WORKER_ENVIRONMENT = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "LP_NUM_THREADS"), "1"
-)
+WORKER_ENVIRONMENT = {
+    **dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"),
+    # Not even one beside the thread that draws, which would only wait for it.
+    "LP_NUM_THREADS": "0",
+}
 """One thread for each worker: trials run in parallel, and sums come out the same on like
 processors, however many there are."""
 

@@ -39,9 +39,21 @@ class InputConfig(StrictModel):
         default=False, description="hand set-points of the frame before; not in the paper"
     )
     scene: tuple[str, ...] = Field(
-        default=(),
-        description="names of numbers that describe the scene, from a simulator or an encoder",
+        default=(), description="names of numbers of the scene, told by a simulator"
     )
+    estimated: tuple[str, ...] = Field(
+        default=(),
+        description="names of numbers of the scene that the network estimates from the pictures: "
+        "it has learned them from a simulator, and nothing else of the pictures is used",
+    )
+
+    @model_validator(mode="after")
+    def _pictures_to_estimate_from(self) -> Self:
+        if self.estimated and not self.cameras:
+            raise ValueError(
+                'expected vision "stereo" or "monoscopic" to estimate the scene from, got "blind"'
+            )
+        return self
 
     @property
     def cameras(self) -> Cameras:
@@ -119,6 +131,12 @@ class ConvolutionConfig(_EncoderConfig):
         return self
 
 
+class EstimatorConfig(StrictModel):
+    """The layer between the encoders and the estimated numbers of the scene."""
+
+    hidden: int = Field(default=128, ge=1, description="units")
+
+
 class MemoryConfig(StrictModel):
     """The LSTM."""
 
@@ -185,6 +203,7 @@ class PolicySettings(StrictModel):
     encoder: Annotated[ResNetConfig | ConvolutionConfig, Field(discriminator="kind")] = (
         ResNetConfig()
     )
+    estimator: EstimatorConfig = EstimatorConfig()
     mlp: tuple[Annotated[int, Field(ge=1)], ...] = Field(
         default=(1024, 1024), min_length=1, description="units of the layers after the memory"
     )

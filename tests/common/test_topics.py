@@ -4,10 +4,10 @@ import ast
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 import pytest
 import zenoh
@@ -41,6 +41,7 @@ from lab.monitor.monitor import monitored
 from services.logger.record.config import LoggerConfig
 from services.logger.record.service import RecordingOptions, record
 from services.policy.service import PolicyOperator
+from services.policy.serving.inference import InferenceServer
 from services.sim.rendering.cameras import CameraService
 from services.sim.service import PlantService
 from services.teleop.keyboard.service import KeyboardOperator
@@ -48,6 +49,7 @@ from services.teleop.scripted.service import ScriptedOperator
 from services.teleop.synthetic.service import SyntheticOperator
 from services.wbc.service import WbcService
 from tests.common.runtime.toys import ToyController, ToyPlant
+from tests.services.policy.served import description_of
 
 ROOT = Path(__file__).resolve().parents[2]
 PATIENCE_S = 30.0
@@ -121,10 +123,16 @@ def running(task: Callable[[], object], stop: Callable[[], object]) -> Iterator[
 
 @contextmanager
 def live(service: Service, bus: BusConfig, *more: Component) -> Iterator[LiveRunner]:
-    runner = LiveRunner(service, bus)
-    runner._components.all += more
+    runner = LiveRunner(service, bus, components=more)
     with running(runner.run, runner.stop):
         yield runner
+
+
+class NoNetwork:
+    """Stands for a network where nobody asks."""
+
+    def run(self, *_frames: object) -> NoReturn:
+        raise AssertionError
 
 
 def until(condition: Callable[[], bool]) -> None:
@@ -148,6 +156,7 @@ def test_a_live_bus_uses_only_keys_of_the_tables(tmp_path: Path, uses: set[Use])
             live(ToyController(trigger=True), bus),
             running(lambda: record(options, stopped.is_set), stopped.set),
             monitored(bus) as monitor,
+            closing(InferenceServer(monitor.session, bus.robot, NoNetwork(), description_of())),
         ):
             until(log.exists)
             mark(bus, EpisodeAction.START)

@@ -23,6 +23,7 @@ from typing import Any
 
 from common.errors import TrillError, report
 from common.links.config import Links, parse_link_options
+from common.runtime.live.components import Component
 from common.runtime.live.config import RuntimeConfig
 from common.runtime.live.realtime import DEFAULT_PRIORITY, enter_realtime
 from common.runtime.live.runner import LiveRunner
@@ -140,6 +141,7 @@ def run_live(
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None,
     description: str | None = None,
     background: bool = False,
+    components: Callable[[Service], Sequence[Component]] = lambda _service: (),
 ) -> int:
     """Parse the arguments, build the service and run it live until a signal or an error.
 
@@ -151,6 +153,7 @@ def run_live(
         add_arguments: adds the service's own options to the parser.
         description: one line for ``--help``.
         background: see :func:`argument_parser`.
+        components: returns parts of the service that need its session.
 
     Returns:
         exit code: 0 after a signal, 1 after an error, 2 for a wrong configuration.
@@ -168,4 +171,11 @@ def run_live(
         service = service_factory(arguments)
     except TrillError as error:
         return report(name, error)
-    return LiveRunner(service, bus, links=links, runtime=runtime, realtime=realtime).run()
+    return LiveRunner(
+        service,
+        bus,
+        links=links,
+        runtime=runtime,
+        realtime=realtime,
+        components=components(service),
+    ).run()

@@ -4,6 +4,7 @@ import gc
 import logging
 import threading
 import time
+from collections.abc import Sequence
 from typing import Any
 
 from common.errors import EXIT_NAME_TAKEN
@@ -14,7 +15,7 @@ from common.journal.journal import Journal
 from common.links.config import Links
 from common.ports import Role, with_role
 from common.runtime.live.clock_sync import ClockSync
-from common.runtime.live.components import ComponentSet, RunnerContext
+from common.runtime.live.components import Component, ComponentSet, RunnerContext
 from common.runtime.live.config import RuntimeConfig
 from common.runtime.live.heartbeats import Heartbeats
 from common.runtime.live.identity import Identity
@@ -57,11 +58,12 @@ class LiveRunner:
         links: Links | None = None,
         runtime: RuntimeConfig | None = None,
         realtime: str = "normal",
+        components: Sequence[Component] = (),
     ) -> None:
         """Prepare to run ``service``; nothing is opened yet.
 
         ``links`` are the delays to inject on its inputs; ``realtime`` is the scheduling in force,
-        for the health message.
+        for the health message; ``components`` are the service's own besides those of the runner.
         """
         self._service = service
         self._bus = bus
@@ -87,6 +89,7 @@ class LiveRunner:
                     service.heartbeat_timeout_s,
                 ),
                 LinkServer(service.name, self._links),
+                *components,
             )
         )
         self.inbox = Inbox(

@@ -10,8 +10,8 @@ ABLATIONS = ("monoscopic", "no-joint-state", "deterministic", "categorical")
 def policy_name(policy: Mapping[str, Any]) -> str:
     """Return the name of a policy's row, for instance ``trill, monoscopic``.
 
-    The kind, what sets it apart from the paper's network, and ``oracle`` if a simulator tells it
-    the scene.
+    The kind, what sets it apart from the paper's network, ``oracle`` if a simulator tells it the
+    scene, and ``estimated scene`` if it has learned to see what a simulator would tell.
 
     Args:
         policy: configuration of the policy, as a checkpoint's manifest has it.
@@ -23,6 +23,8 @@ def policy_name(policy: Mapping[str, Any]) -> str:
         words.append(inputs.get("vision", "stereo"))
     if inputs.get("joint_state") is False:
         words.append("no-joint-state")
+    if inputs.get("estimated"):
+        words.append("estimated scene")
     words += [name for name in ("deterministic", "categorical") if policy.get(name)]
     if policy.get("actions", {}).get("kind") == "chunks":
         words.append("chunks")

@@ -41,5 +41,5 @@ def _row(task: str, results: Sequence[TrialResult]) -> str:
     speed = sum(r.simulated for r in results) / max(1e-9, sum(r.wall for r in results))
     return (
         f"| {task} | {links} | {len(results)} | {count['success']} | {count['partial']} "
-        f"| {count['failure']} | {format_spread(times)} | {speed:.2f} x |"
+        f"| {count['failure'] + count['error']} | {format_spread(times)} | {speed:.2f} x |"
     )

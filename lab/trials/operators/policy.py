@@ -38,7 +38,7 @@ class MeanEngine:
     It is the best constant answer: what a policy without any input could do.
     """
 
-    refused, problem = 0, ""
+    refused, problem, waiting = 0, "", False
 
     def __init__(self, description: Description) -> None:
         interface = description.manifest.interface

@@ -215,8 +215,10 @@ def read_checked(folder: Path, name: str, manifest: Manifest) -> bytes:
         CheckpointError: it cannot be read, or its digest is another.
     """
     content = read(folder, name)
-    # The first bytes of a pickle, and of the archive in which torch.save puts one.
-    if content[:1] == b"\x80" or content[:4] == b"PK\x03\x04":
+    # The first bytes of a pickle, and of the archive in which torch.save puts one. Safetensors may
+    # begin with the same byte, of the length of their header, which begins with a brace.
+    pickled = content[:1] == b"\x80" and content[8:9] != b"{"
+    if pickled or content[:4] == b"PK\x03\x04":
         raise CheckpointError(
             f"{folder / name} is a pickle, which could run any code; it is not read. Expected "
             "the file that training wrote; nothing in a checkpoint is ever unpickled"

@@ -52,7 +52,12 @@ class SpatialSoftmax(nn.Module):
 
     def forward(self, maps: Tensor) -> Tensor:
         """Return the points (n, 2 * points): all x, then all y, from -1 (left, top) to 1."""
-        heat = self.heat(maps).exp()
+        return self.of(self.heat(maps))
+
+    @staticmethod
+    def of(heat: Tensor) -> Tensor:
+        """Return the points of the logarithms that :meth:`heat` returns."""
+        heat = heat.exp()
         x = torch.linspace(-1.0, 1.0, heat.shape[3], device=heat.device)
         y = torch.linspace(-1.0, 1.0, heat.shape[2], device=heat.device)
         return torch.cat(((heat.sum(2) * x).sum(2), (heat.sum(3) * y).sum(2)), dim=1)
@@ -77,5 +82,9 @@ class Encoder(nn.Module):
         The conversion is a part of the network, so that pictures are kept and sent in 8 bits, and
         training and service cannot differ in it.
         """
-        x = pictures.permute(0, 3, 1, 2).to(self.features.weight.dtype) / 255.0
-        return self.features(self.points(self.trunk(x)))
+        return self.features(self.points(self.maps(pictures)))
+
+    def maps(self, pictures: Tensor) -> Tensor:
+        """Return the feature maps (n, channels, h, w) from which the key points are taken."""
+        maps: Tensor = self.trunk(pictures.permute(0, 3, 1, 2).to(self.features.weight.dtype) / 255)
+        return maps

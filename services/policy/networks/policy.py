@@ -50,6 +50,8 @@ class DecisionBatch(NamedTuple):
 class PolicyNetwork(nn.Module, ABC):
     """Encoders of the cameras, an LSTM unless the policy is reactive, and an MLP.
 
+    If the policy estimates numbers of the scene, these alone pass from the encoders to the rest.
+
     Attributes:
         config: of the policy.
     """
@@ -60,7 +62,15 @@ class PolicyNetwork(nn.Module, ABC):
         cameras = config.inputs.cameras
         # Each camera has weights of its own, as in the paper.
         self.encoders = nn.ModuleDict({camera: Encoder(config.encoder) for camera in cameras})
-        width = config.inputs.width + len(cameras) * config.encoder.features
+        seen = len(cameras) * config.encoder.features
+        self.estimator = None
+        if estimated := config.inputs.estimated:
+            hidden = config.estimator.hidden
+            self.estimator = nn.Sequential(
+                nn.Linear(seen, hidden), nn.ReLU(), nn.Linear(hidden, len(estimated))
+            )
+            seen = len(estimated)
+        width = config.inputs.width + seen
         self.lstm = None
         if lstm := config.recurrence:
             self.lstm = nn.LSTM(width, lstm.hidden, lstm.layers, batch_first=True)
@@ -76,6 +86,7 @@ class PolicyNetwork(nn.Module, ABC):
         pictures: Tensor,
         memory: Tensor | None = None,
         at: Tensor | None = None,
+        seen: Tensor | None = None,
     ) -> tuple[Outputs, Tensor]:
         """Return the outputs of b sequences of t frames, and the memory after the last frame.
 
@@ -85,12 +96,10 @@ class PolicyNetwork(nn.Module, ABC):
             memory: (2, layers, b, units) after the frame before; None: at the start, zero.
             at: (k,) frames of which outputs are wanted, for instance a few random ones, since
                 the outputs of chunks cost more than the memory; None: all.
+            seen: (b, t, m) what :meth:`look` returns of the pictures, or in training the true
+                numbers of the scene in its place; None: look at the pictures.
         """
-        views = (
-            encoder(pictures[:, :, i].flatten(0, 1)).unflatten(0, pictures.shape[:2])
-            for i, encoder in enumerate(self.encoders.values())
-        )
-        x = torch.cat((observation, *views), dim=-1)
+        x = torch.cat((observation, self.look(pictures) if seen is None else seen), dim=-1)
         if memory is None:
             memory = self.zero_memory(len(x))
         if self.lstm is not None:
@@ -99,6 +108,20 @@ class PolicyNetwork(nn.Module, ABC):
         if at is not None:
             x = x[:, at]
         return self.outputs(self.mlp(x)), memory
+
+    def look(self, pictures: Tensor) -> Tensor:
+        """Return what the network sees in pictures, (b, t, m) features.
+
+        These are the normalised numbers of the scene if it estimates them.
+        """
+        views = [
+            encoder(pictures[:, :, i].flatten(0, 1)).unflatten(0, pictures.shape[:2])
+            for i, encoder in enumerate(self.encoders.values())
+        ]
+        if not views:
+            return pictures.new_zeros(*pictures.shape[:2], 0, dtype=self.mlp[0].weight.dtype)
+        features = torch.cat(views, dim=-1)
+        return features if self.estimator is None else self.estimator(features)
 
     def zero_memory(self, batch: int) -> Tensor:
         """Return the memory (2, layers, batch, units) at the start."""

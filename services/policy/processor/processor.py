@@ -23,13 +23,21 @@ from services.policy.processor.statistics import Statistics
 from services.policy.processor.targets import Targets, gait_targets
 
 Arrays = Mapping[str, Any]
-"""Columns of an episode, or of one frame of it, by path; ``scene`` has the scene's numbers."""
+"""Columns of an episode, or of one frame of it, by path.
+
+``scene`` has the numbers of the scene that the policy is told, ``estimated`` the true values of
+those that it estimates.
+"""
 
 _STATE = "observation/control_state"
+ESTIMATED = "estimated"
+"""The column of the true values of the numbers that a network estimates."""
 INPUT_FLOOR = 0.01
 """Least scale of a number of the observation, in its unit: m, rad/s, 1."""
 ACTION_FLOOR = 1e-4
 """Least scale of a number of the action, in its unit: m, rad, 1."""
+SCENE_FLOOR = 0.01
+"""Least scale of an estimated number of the scene, in its unit: m, rad, 1."""
 
 
 class Decision(NamedTuple):
@@ -55,6 +63,7 @@ class Processor(StrictModel):
         hazard_frames: as in :class:`~services.policy.configuration.LossConfig`.
         observation: statistics of the measured numbers of the observation vector.
         action: statistics of the numbers of one step.
+        scene: statistics of the numbers of the scene that the network estimates; None: none.
     """
 
     inputs: InputConfig
@@ -62,15 +71,17 @@ class Processor(StrictModel):
     hazard_frames: int = 0
     observation: Statistics
     action: Statistics
+    scene: Statistics | None = None
 
     @model_validator(mode="after")
     def _statistics_fit(self) -> Self:
-        expected = (self.inputs.measured_width, self.actions.shape[1])
-        got = (self.observation.width, self.action.width)
+        expected = (self.inputs.measured_width, self.actions.shape[1], len(self.inputs.estimated))
+        scene = 0 if self.scene is None else self.scene.width
+        got = (self.observation.width, self.action.width, scene)
         if expected != got:
             raise ValueError(
-                f"expected statistics of {expected[0]} measured and {expected[1]} action numbers, "
-                f"got {got[0]} and {got[1]}"
+                f"expected statistics of {expected[0]} measured, {expected[1]} action and "
+                f"{expected[2]} estimated numbers, got {got[0]}, {got[1]} and {got[2]}"
             )
         return self
 
@@ -88,9 +99,12 @@ class Processor(StrictModel):
         chosen = representation(config.actions)
         observed: list[Array] = []
         acted: list[Array] = []
+        shown: list[Array] = []
         for arrays in episodes:
             observed.append(_measured(config.inputs, arrays, _previous(arrays)))
             acted.append(_actions(chosen, arrays)[0])
+            if config.inputs.estimated:
+                shown.append(_column(arrays, ESTIMATED))
         if not observed:
             raise ProcessorError("expected episodes to compute statistics of, got none")
         return cls(
@@ -99,6 +113,7 @@ class Processor(StrictModel):
             hazard_frames=config.loss.hazard_frames,
             observation=Statistics.of(np.concatenate(observed), INPUT_FLOOR),
             action=Statistics.of(np.concatenate(acted), ACTION_FLOOR),
+            scene=Statistics.of(np.concatenate(shown), SCENE_FLOOR) if shown else None,
         )
 
     def frame(self, frame: Arrays, previous: Command) -> NDArray[np.float32]:

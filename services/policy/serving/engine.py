@@ -53,10 +53,12 @@ class Engine(Protocol):
     Attributes:
         refused: answers that were errors or not understood, so far.
         problem: the last of them in words; empty since the last good answer.
+        waiting: whether an answer to the last request may still come.
     """
 
     refused: int
     problem: str
+    waiting: bool
 
     def ask(self, request: Request) -> None:
         """Begin to answer; an older request is forgotten."""
@@ -80,7 +82,7 @@ class Runtime(Protocol):
 class LocalEngine:
     """Answers in this process, at once."""
 
-    refused, problem = 0, ""
+    refused, problem, waiting = 0, "", False
 
     def __init__(self, runtime: Runtime) -> None:
         self._runtime = runtime

@@ -1,5 +1,6 @@
 """The set-points that are still to be sent: what is left of an answer; pure."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -60,13 +61,13 @@ class Plan:
         """Return how many steps are left."""
         return len(self._targets)
 
-    def replace(self, targets: list[Target], skipped: int) -> bool:
+    def replace(self, targets: Sequence[Target], skipped: int) -> bool:
         """Take a new answer less the ``skipped`` first steps; False: none of it would be left.
 
         Skipped are the steps that passed since the request: they were carried out by the plan
         before. With a delay on the way to the robot, those that would be past on arrival, too.
         """
-        left = targets[skipped:]
+        left = list(targets[skipped:])
         if left:
             self._targets, self.executed = left, 0
         return bool(left)

@@ -1,6 +1,8 @@
 """White Gaussian noise on a measured state."""
 
+from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -8,8 +10,10 @@ from common.robot.joints import NUM_JOINTS
 from common.robot.rotations import multiply, normalised, quaternion_from_rotation_vector
 from common.schemas import PlantState
 from common.schemas.arrays import Float64Array as Array
+from common.wire.builder import assembler
 from services.sim.config import NoiseConfig
 
+_assemble: Callable[[dict[str, Any]], PlantState] = assembler(PlantState)
 _JOINT_POSITION, _JOINT_VELOCITY = 12, 12 + NUM_JOINTS
 
 
@@ -35,8 +39,9 @@ def add_noise(state: PlantState, noise: NoiseConfig, rng: np.random.Generator) -
     drawn = deviations * rng.standard_normal(deviations.size)
     # A factor on the right rotates about the body's own axes.
     turned = multiply(state.base_quaternion, quaternion_from_rotation_vector(drawn[3:6]))
-    return state.model_copy(
-        update={
+    return _assemble(
+        {
+            **state.__dict__,
             "base_position": state.base_position + drawn[:3],
             "base_quaternion": normalised(turned),
             "base_linear_velocity": state.base_linear_velocity + drawn[6:9],

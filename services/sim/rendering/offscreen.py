@@ -27,7 +27,7 @@ near plane; with a farther one its shadows speckle the floor."""
 _SMALL_WIDTH, _SMALL_SHADOW = 640, 2048
 """A picture of at most this width shows no more than a depth map of this size holds; MuJoCo's usual
 one of 4096 takes four times its 16 MB [pixels]."""
-_PLAIN_SHAPES = (12, 6, 1)
+_PLAIN_SHAPES = (12, 2, 1)
 """Slices, stacks and quads of MuJoCo's shapes in plain pictures."""
 
 

@@ -3,7 +3,8 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -68,27 +69,63 @@ class BodyState(Pose):
     speed: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
+class Measures(Protocol):
+    """What can be measured of robot and scene as they are now."""
+
+    def robot(self) -> BodyState:
+        """Return pose and speed of the torso."""
+        ...
+
+    def loads(self) -> tuple[float, float]:
+        """Return the normal force of the feet, left and right [N]."""
+        ...
+
+    def joints(self) -> Mapping[str, float]:
+        """Return the positions of the scene's hinges and slides by name [rad, m]."""
+        ...
+
+    def objects(self) -> Mapping[str, BodyState]:
+        """Return the states of the bodies that the task watches, by name."""
+        ...
+
+
+@dataclass(frozen=True)
 class Snapshot:
-    """State of robot and scene from which a trial is judged.
+    """State of robot and scene from which a trial is judged; it holds until physics goes on.
+
+    A task asks for little of it, a hundred times a second, so that the rest is not measured.
 
     Attributes:
         time: since the start of the trial [s].
-        robot: pose and speed of the torso.
-        loads: (left, right) normal force of the feet [N].
         fallen: whether the robot has fallen.
-        joints: positions of the scene's hinges and slides by name [rad, m].
-        objects: states of the bodies that the task watches, by name.
         contacts: contacts since the previous snapshot, with the largest normal force [N].
+        measures: measures the rest when it is first asked for.
     """
 
     time: float
-    robot: BodyState
-    loads: tuple[float, float]
     fallen: bool
-    joints: Mapping[str, float] = field(default_factory=dict)
-    objects: Mapping[str, BodyState] = field(default_factory=dict)
-    contacts: Mapping[Contact, float] = field(default_factory=dict)
+    contacts: Mapping[Contact, float]
+    measures: Measures
+
+    @cached_property
+    def robot(self) -> BodyState:
+        """Pose and speed of the torso."""
+        return self.measures.robot()
+
+    @cached_property
+    def loads(self) -> tuple[float, float]:
+        """Normal force of the feet, left and right [N]."""
+        return self.measures.loads()
+
+    @cached_property
+    def joints(self) -> Mapping[str, float]:
+        """Positions of the scene's hinges and slides by name [rad, m]."""
+        return self.measures.joints()
+
+    @cached_property
+    def objects(self) -> Mapping[str, BodyState]:
+        """States of the bodies that the task watches, by name."""
+        return self.measures.objects()
 
     @property
     def standing(self) -> bool:

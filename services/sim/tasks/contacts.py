@@ -6,6 +6,7 @@ from typing import Any
 from services.sim.model.contacts import normal_forces
 from services.sim.tasks.base import Contact
 
+_MOST_IDLE = 1000
 _SIDES = {"l": "left", "r": "right"}
 _ROBOT_GEOM = re.compile(r"(?:(?P<side>[lr])_)?(?P<shape>[a-z_]+?)(?:_[ab])?_col")
 _PARTS = {
@@ -77,6 +78,8 @@ class ContactSensor:
                 if robot_part(one) or robot_part(other):
                     self._of_robot[i, j] = contact
         self._peaks: dict[Contact, float] = {}
+        self._idle: dict[bool, set[bytes]] = {False: set(), True: set()}
+        """Pairs of a step, as bytes, none of which is known; by whether objects' pairs are."""
 
     def collect(self, *, between_objects: bool) -> None:
         """Add the contacts of the last physics step.
@@ -87,9 +90,15 @@ class ContactSensor:
         data = self._data
         if not data.ncon:
             return
-        known = self._all if between_objects else self._of_robot
+        pairs, idle = data.contact.geom, self._idle[between_objects]
         # Most contacts are those of the feet with the floor, which nobody asks for.
-        if known.keys().isdisjoint(map(tuple, data.contact.geom.tolist())):
+        if (step := pairs.tobytes()) in idle:
+            return
+        known = self._all if between_objects else self._of_robot
+        if known.keys().isdisjoint(map(tuple, pairs.tolist())):
+            if len(idle) >= _MOST_IDLE:
+                idle.clear()
+            idle.add(step)
             return
         sums: dict[Contact, float] = {}
         for pair, force in normal_forces(data):

@@ -1,7 +1,8 @@
 """Trials of a task in the physics: start, snapshots for the judge, and status messages."""
 
+import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,6 +17,7 @@ from common.schemas import (
     TaskStatus,
     UndesiredContact,
 )
+from common.wire.builder import assembler
 from services.sim.errors import TaskError
 from services.sim.model.contacts import foot_normal_forces
 from services.sim.model.world import Addresses
@@ -27,6 +29,10 @@ TICK_STEPS = 10
 """Physics steps between two snapshots for the judge."""
 _START_STREAM = 0x7A5C
 """Separates the random numbers of the start from those of the sensor noise."""
+# Not validated: the values are the model's own, and receivers check them.
+_scene_state: Callable[[dict[str, Any]], SceneState] = assembler(SceneState)
+_scene_pose: Callable[[dict[str, Any]], ScenePose] = assembler(ScenePose)
+_scene_joint: Callable[[dict[str, Any]], SceneJoint] = assembler(SceneJoint)
 
 
 class SceneView:
@@ -41,31 +47,26 @@ class SceneView:
         self._model, self._data = model, data
         self._scene, self._task = scene, task
         self._qpos = data.qpos[addresses.scene :]
-        self._torso = addresses.torso
         names = task.objects if task else ()
         self._objects = {name: _locate(model, data, name) for name in names}
         bodies = {model.body(i).name for i in range(model.nbody)}
-        self._bodies = {name: read for name, read in self._objects.items() if name in bodies}
+        self._bodies = {name: at for name, at in self._objects.items() if name in bodies}
         joints = task.joints if task else ()
         self._joints = {name: int(model.joint(name).qposadr[0]) for name in joints}
+        self._marks = _poses(task.marks) if task else []
 
     @property
     def moves(self) -> bool:
         """Whether the scene has joints."""
         return bool(self._qpos.size)
 
-    def robot(self) -> BodyState:
-        """Return the state of the torso."""
-        qpos, qvel = self._data.qpos, self._data.qvel
-        return BodyState(qpos[:3].copy(), qpos[3:7].copy(), float(np.linalg.norm(qvel[:3])))
-
-    def objects(self) -> dict[str, BodyState]:
-        """Return the states of the watched bodies and sites."""
-        return {name: read() for name, read in self._objects.items()}
+    def objects(self) -> dict[str, Pose]:
+        """Return the poses of the watched bodies and sites."""
+        return {name: place.pose() for name, place in self._objects.items()}
 
     def bodies(self) -> dict[str, BodyState]:
         """Return the states of the watched bodies, by which a trial is judged."""
-        return {name: read() for name, read in self._bodies.items()}
+        return {name: place.state() for name, place in self._bodies.items()}
 
     def joints(self) -> dict[str, float]:
         """Return the positions of the watched hinges and slides [rad, m]."""
@@ -74,52 +75,79 @@ class SceneView:
     def state(self, stamp_ns: int, reset_count: int) -> SceneState:
         """Return the message about the scene as it is now."""
         task = self._task
-        return SceneState(
-            header=Header(stamp=stamp_ns),
-            scene=self._scene,
-            task=task.name if task else "",
-            objects=_poses(self.objects()),
-            joints=[SceneJoint(name=n, position=v) for n, v in self.joints().items()],
-            marks=_poses(task.marks) if task else [],
-            qpos=self._qpos.tolist(),
-            reset_count=reset_count,
+        joints = self.joints().items()
+        return _scene_state(
+            {
+                "header": Header(stamp=stamp_ns),
+                "scene": self._scene,
+                "task": task.name if task else "",
+                "objects": _poses(self.objects()),
+                "joints": [_scene_joint({"name": n, "position": v}) for n, v in joints],
+                "marks": self._marks,
+                "qpos": self._qpos.tolist(),
+                "reset_count": reset_count,
+            }
         )
 
 
 def _poses(poses: Mapping[str, Pose]) -> list[ScenePose]:
     return [
-        ScenePose(name=name, position=pose.position, quaternion=pose.quaternion)
+        _scene_pose({"name": name, "position": pose.position, "quaternion": pose.quaternion})
         for name, pose in poses.items()
     ]
 
 
-def _locate(model: Any, data: Any, name: str) -> Callable[[], BodyState]:
-    """Return a function that reads the state of the body or site ``name``."""
-    velocity = np.zeros(6)
+class _Place(NamedTuple):
+    """Where a body or site is.
+
+    Attributes:
+        pose: returns its pose in the world.
+        speed: returns the speed of its origin [m/s].
+    """
+
+    pose: Callable[[], Pose]
+    speed: Callable[[], float]
+
+    def state(self) -> BodyState:
+        """Return its state."""
+        pose = self.pose()
+        return BodyState(pose.position, pose.quaternion, self.speed())
+
+
+def _locate(model: Any, data: Any, name: str) -> _Place:
+    """Find the body or site ``name``.
+
+    Raises:
+        TaskError: there is none.
+    """
     body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY.value, name)
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE.value, name)
+    velocity = np.zeros(6)
+
+    def speed() -> float:
+        kind = mujoco.mjtObj.mjOBJ_XBODY.value
+        mujoco.mj_objectVelocity(model, data, kind, body, velocity, 0)
+        return math.hypot(*velocity[3:].tolist())
+
     if body >= 0:
-
-        def read_body() -> BodyState:
-            kind = mujoco.mjtObj.mjOBJ_XBODY.value
-            mujoco.mj_objectVelocity(model, data, kind, body, velocity, 0)
-            speed = float(np.linalg.norm(velocity[3:]))
-            return BodyState(data.xpos[body].copy(), data.xquat[body].copy(), speed)
-
-        return read_body
+        position, quaternion = data.xpos[body], data.xquat[body]
+        return _Place(lambda: Pose(position.copy(), quaternion.copy()), speed)
     if site >= 0:
+        origin, rotation = data.site_xpos[site], data.site_xmat[site]
 
-        def read_site() -> BodyState:
-            quaternion = np.zeros(4)
-            mujoco.mju_mat2Quat(quaternion, data.site_xmat[site])
-            return BodyState(data.site_xpos[site].copy(), quaternion)
+        def pose() -> Pose:
+            turned = np.zeros(4)
+            mujoco.mju_mat2Quat(turned, rotation)
+            return Pose(origin.copy(), turned)
 
-        return read_site
+        return _Place(pose, lambda: 0.0)
     raise TaskError(f"expected a body or site called {name!r} in the task's scene, there is none")
 
 
 class Trial:
     """Runs a task's trials, one after another, in a plant's physics.
+
+    It measures what the judge asks for: :class:`~services.sim.tasks.base.Measures`.
 
     Attributes:
         task: the task.
@@ -174,16 +202,25 @@ class Trial:
         return self.judge.progress != before
 
     def _snapshot(self, time: float, *, fallen: bool) -> Snapshot:
+        return Snapshot(time, fallen, self._contacts.read(), self)
+
+    def robot(self) -> BodyState:
+        """Return the state of the torso."""
+        qpos, qvel = self._data.qpos, self._data.qvel
+        return BodyState(qpos[:3].copy(), qpos[3:7].copy(), math.hypot(*qvel[:3].tolist()))
+
+    def loads(self) -> tuple[float, float]:
+        """Return the normal forces of the feet, left and right [N]."""
         left, right = foot_normal_forces(self._data, self._addresses.feet).tolist()
-        return Snapshot(
-            time=time,
-            robot=self.view.robot(),
-            loads=(left, right),
-            fallen=fallen,
-            joints=self.view.joints(),
-            objects=self.view.bodies(),
-            contacts=self._contacts.read(),
-        )
+        return left, right
+
+    def joints(self) -> dict[str, float]:
+        """Return the positions of the watched hinges and slides [rad, m]."""
+        return self.view.joints()
+
+    def objects(self) -> dict[str, BodyState]:
+        """Return the states of the watched bodies."""
+        return self.view.bodies()
 
     def status(self, stamp_ns: int, reset_count: int) -> TaskStatus:
         """Return the message about verdict and progress."""

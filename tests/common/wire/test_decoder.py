@@ -152,15 +152,32 @@ def test_messages_that_always_differ_are_not_remembered_each_time(
 ) -> None:
     made: list[int] = []
 
-    def counted(payload: bytes, message: Message, arrays: Any) -> Any:
+    def counted(payload: bytes, message: Message, *others: Any) -> Any:
         made.append(message.header.seq)
-        return template_of(payload, message, arrays)
+        return template_of(payload, message, *others)
 
     monkeypatch.setattr(module, "template_of", counted)
-    decoder = Decoder(PlantState)
+    decoder = Decoder(ControllerState)
     for number in range(500):
-        message = plant_state().model_copy(update={"reset_count": number})
-        assert decoder.decode(encode(message, later(seq=1000 + number))).reset_count == number
-    # A few at first, later one in some hundreds.
+        message = EXAMPLES[ControllerState].model_copy(update={"obstacle": f"{number:04}"})
+        payload = encode(message, later(seq=1000 + number))
+        assert decoder.decode(payload).obstacle == f"{number:04}"
     assert made[:4] == [1000, 1001, 1002, 1003]
     assert len(made) == 5
+    assert len(set(made)) == 5
+
+
+def test_counts_outside_the_header_are_read_and_validated(
+    request: pytest.FixtureRequest,
+) -> None:
+    state = EXAMPLES[ControllerState].model_copy(update={"setpoint_stamp": 2**40})
+    decoder = primed(state)
+    decoder.decode(encode(state.model_copy(update={"setpoint_stamp": 2**41}), later()))
+    wrong = state.model_copy(update={"setpoint_stamp": 2**63})
+    with pytest.raises(SchemaError, match="setpoint_stamp: Input should be less than"):
+        decoder.decode(encode(wrong, later()))
+    request.getfixturevalue("only_templates")
+    other = state.model_copy(update={"setpoint_stamp": 2**62 + 1})
+    message = decoder.decode(encode(other, later()))
+    assert message.setpoint_stamp == 2**62 + 1
+    assert encode(message, later()) == encode(other, later())

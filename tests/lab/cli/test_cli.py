@@ -11,7 +11,10 @@ import pytest
 from lab.cli.main import COMMANDS, main
 from lab.live import drive
 from lab.review import report
+from services.policy.checkpoint.manifest import MANIFEST, PROCESSOR
 from tests.lab.review.test_report import recorded
+from tests.services.policy.made import small
+from tests.services.policy.served import description_of
 
 ROOT = Path(__file__).parents[3]
 
@@ -38,7 +41,7 @@ def test_the_version_says_whether_compiled_code_is_in_use(
     with pytest.raises(SystemExit) as ended:
         main(["--version"])
     assert ended.value.code == 0
-    assert "compiled kernels (TRILL_NATIVE=0)" in capsys.readouterr().out
+    assert "no compiled kernels (TRILL_NATIVE=0)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -200,3 +203,21 @@ def test_what_a_command_lacks_is_named(command: list[str]) -> None:
     assert ended.returncode in {1, 2}
     assert "pip install '.[" in ended.stderr
     assert "Traceback" not in ended.stderr
+
+
+def test_a_policy_that_cannot_be_run_is_refused_before_anything_starts(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["up", "--remote"]) == 2
+    assert "give --policy too" in capsys.readouterr().err
+    assert main(["up", "--policy", "nowhere"]) == 1
+    assert "cannot read config.json of the checkpoint nowhere" in capsys.readouterr().err
+    seeing = tmp_path / "seeing"
+    seeing.mkdir()
+    description = description_of(small("trill"))
+    (seeing / MANIFEST).write_text(description.manifest.model_dump_json())
+    (seeing / PROCESSOR).write_text(description.processor.model_dump_json(indent=1))
+    assert main(["up", "--policy", "seeing", "--no-cameras"]) == 2
+    assert "sees through the left and right camera" in capsys.readouterr().err
+    assert not (tmp_path / "runs").exists()

@@ -10,10 +10,12 @@ from common.schemas import (
     AuthorityState,
     GuardMode,
     OperatorKind,
+    PolicyMode,
+    PolicyState,
     ServiceHealth,
     TaskVerdict,
 )
-from common.topics import PLANT_STATE, WBC_AUTHORITY
+from common.topics import PLANT_STATE, POLICY_STATE, WBC_AUTHORITY
 from lab.monitor.bus_stats import BusStats
 from lab.monitor.status_text import format_line
 from lab.monitor.table import render_table
@@ -114,3 +116,37 @@ def test_a_held_plant_tells_why_it_applies_no_command() -> None:
         seen = status_.model_copy(update={"guard": guard, **refusal})
         for text in shown((topic, seen)):
             assert text.count("no emergency stop button is heard") == told
+
+
+def policy_state(robot: FakeRobot, mode: PolicyMode, **changes: Any) -> Pair:
+    said: dict[str, Any] = {"policy": "trill", "checkpoint": "ab" * 32, "mode": mode, "answers": 12}
+    header = robot.header(POLICY_STATE, "policy")
+    return POLICY_STATE, PolicyState(header=header, **(said | changes))
+
+
+def test_table_and_line_show_what_a_policy_does_and_drops() -> None:
+    robot = FakeRobot()
+    table, line = shown(
+        policy_state(
+            robot,
+            PolicyMode.DEGRADED,
+            label="degraded: no answer in time",
+            picture_age=0.01,
+            delay=0.26,
+            compensated=5,
+            round_trip=0.06,
+            inference=0.02,
+            late=2,
+            unanswered=3,
+        )
+    )
+    said = (
+        "trill abababab degraded: no answer in time, 12 answers, picture 10 ms, delay 260 ms, "
+        "answer 60 ms, inference 20 ms, 5 steps skipped; dropped: late 2, requests without an "
+        "answer 3"
+    )
+    assert f"policy {said}" in line
+    assert "policy      trill abababab degraded" in table
+    table, line = shown(policy_state(robot, PolicyMode.OK, label="acting", delay=0.02))
+    assert "policy trill abababab ok, 12 answers, delay 20 ms" in line
+    assert "policy" not in shown(robot.status())[0]

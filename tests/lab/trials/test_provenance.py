@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import lab.trials.provenance
+from common.native import kernels
 from lab.demonstrations.collect.config import collecting_code
 from lab.trials.operators.specs import SyntheticSpec
 from lab.trials.provenance import ROOT, closure, digest, environment, machine, revision
@@ -32,7 +33,8 @@ def test_every_module_that_worked_counts() -> None:
     done = subprocess.run(
         [sys.executable, "-c", WORK], cwd=ROOT, capture_output=True, text=True, check=True
     )
-    worked = set(done.stdout.split())
+    # Of a compiled kernel its source counts, as data beside the module that uses it.
+    worked = set(done.stdout.split()) - kernels().keys()
     roots = ("lab.demonstrations.collect.episode", "lab.trials.operators.synthetic")
     counted = set(closure(*roots))
     assert collecting_code(SyntheticSpec()).source == digest(*roots)
@@ -72,7 +74,9 @@ def test_a_changed_line_or_datum_is_another_digest_a_line_end_is_not(
     (tmp_path / "common" / "robot.xml").write_text("<robot mass='2'/>")
     second = now()
     (tmp_path / "common" / "b.py").write_text("x = 2\n")
-    assert len({first, second, now()}) == 3
+    third = now()
+    (tmp_path / "common" / "_b.c").write_text("int x = 2;")
+    assert len({first, second, third, now()}) == 4
 
 
 def test_an_import_counts_in_any_statement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -150,3 +154,16 @@ def test_the_kind_of_processor_is_named_with_the_kernels_that_work() -> None:
     )
     # Only on this kind of processor does OpenBLAS know those kernels.
     assert (done.stdout.strip() == machine()) == (platform.machine() != "x86_64")
+
+
+def test_the_machine_tells_whether_compiled_kernels_are_in_use() -> None:
+    code = "from lab.trials.provenance import machine; print(machine())"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=ROOT,
+        env=os.environ | {"TRILL_NATIVE": "0"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout.endswith("; no compiled kernels (TRILL_NATIVE=0)\n")

@@ -13,8 +13,9 @@ from lab.errors import LabError
 from lab.studies.tasks.command import main
 from lab.trials import results
 from lab.trials.operators.specs import SyntheticSpec
-from lab.trials.results import TrialFile, run_trials, trial_code
+from lab.trials.results import TrialFile, run_trial, run_trials, trial_code
 from lab.trials.spec import TrialResult, TrialSpec
+from lab.trials.stack import TaskStack
 from lab.trials.workers import LocalExecutor
 from services.teleop.synthetic.traits import TRAITS
 
@@ -212,3 +213,12 @@ def test_trials_with_other_packages_do_not_count(
     monkeypatch.setattr(results, "trial_code", lambda _operator: other)
     kept = TrialFile(path)
     assert (kept.result(SPEC), kept.other_code) == (None, 1)
+
+
+def test_a_trial_whose_simulation_fails_has_a_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(_stack: TaskStack, _stop: object = None) -> TrialResult:
+        raise TrillError("the solver gave up")
+
+    monkeypatch.setattr(TaskStack, "run", fails)
+    found = run_trial({"synthetic": trial_code(SPEC.operator)}, SPEC)
+    assert (found.verdict, found.reason) == ("error", "TrillError: the solver gave up")

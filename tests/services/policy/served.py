@@ -68,7 +68,7 @@ class MadeEngine:
         gait: what each answer says about gaits.
     """
 
-    refused, problem = 0, ""
+    refused, problem, waiting = 0, "", True
 
     def __init__(self, description: Description, delay: int = 0) -> None:
         self.requests: list[Request] = []
@@ -115,10 +115,11 @@ class MadePolicy(PolicyOperator):
     def __init__(self, engine: MadeEngine, description: Description, **config: Any) -> None:
         super().__init__(PolicyConfig(checkpoint=Path("none"), **config), engine, description)
         self.engine = engine
+        self.made = engine
         self.steps = 0
 
     def step(self, inputs: Any, now_ns: int) -> Any:
-        self.engine.advance(self.steps)
+        self.made.advance(self.steps)
         self.steps += 1
         return super().step(inputs, now_ns)
 

@@ -162,6 +162,16 @@ def test_a_pickle_is_never_unpickled(tmp_path: Path, archive: bool) -> None:
     assert not ran.exists()
 
 
+def test_a_network_whose_file_begins_like_a_pickle_is_read(tmp_path: Path) -> None:
+    folder = written(tmp_path)
+    tensors = load((folder / NETWORK).read_bytes())
+    # The first byte is of the header's length.
+    files = (save(tensors, {"about": "x" * length}) for length in range(0, 512, 8))
+    replace(folder, NETWORK, next(file for file in files if file[0] == 0x80))
+    network, _ = load_checkpoint(folder)
+    assert torch.equal(network.state_dict()["mlp.0.bias"], tensors["mlp.0.bias"])
+
+
 def _renamed(tensors: dict[str, Any]) -> None:
     tensors["mlp.9.bias"] = tensors.pop("mlp.0.bias")
 
@@ -228,6 +238,8 @@ from services.policy.checkpoint.manifest import describe
 from services.policy.processor.actions import Command
 from services.policy.processor.pictures import scale_picture
 from services.policy.processor.processor import Decision
+from services.policy.service import PolicyConfig, PolicyOperator
+from services.policy.serving.remote import RemoteEngine
 found = describe(Path(sys.argv[1]), "trill")
 frame = dict(np.load(sys.argv[2]))
 start = Command(frame["action/hands"], 0.0)
@@ -236,6 +248,8 @@ picture = scale_picture(np.zeros((90, 120, 3), np.uint8), found.manifest.policy.
 still = Decision(np.zeros((1, 14), np.float32), np.zeros((1, 2), np.float32), np.eye(7)[0])
 (command,) = found.processor.commands(still, start)
 memory = np.zeros(found.manifest.policy.memory_shape, np.float32)
+config = PolicyConfig(checkpoint=sys.argv[1], remote=True)
+PolicyOperator(config, RemoteEngine(found, 1.0), found)
 print(len(vector), *picture.shape, len(command.hands), memory.nbytes)
 """
     done = subprocess.run(

@@ -49,7 +49,7 @@ class Stack:
     """Plant, controller and a policy on flat ground, and what was said."""
 
     def __init__(self, policy: MadePolicy, **links: str) -> None:
-        self.policy, self.engine = policy, policy.engine
+        self.policy, self.engine = policy, policy.made
         self.runner = SimTimeRunner(
             [PlantService(SimConfig(seed=3)), WbcService(wbc_config("relaxed", "fast")), policy],
             seed=3,
@@ -173,6 +173,20 @@ def test_without_answers_the_hands_hold_and_go_on_when_they_come_again() -> None
     assert MODE.DEGRADED in modes(stack)
     assert not stack.fallen
     assert stack.authority.changes == 1
+
+
+def test_where_nobody_answers_it_asks_in_every_step() -> None:
+    policy, engine = made_policy()
+    engine.silent, engine.waiting, engine.problem = True, False, "no server"
+    stack = Stack(policy)
+    stack.run(4.0)
+    assert stack.mode() is MODE.RECONNECTING
+    assert policy.note == "reconnecting: no server"
+    assert set(np.diff([request.step for request in engine.requests])) == {1}
+    engine.silent, engine.waiting = False, True
+    # The last of these requests stays open until its time is over.
+    stack.run(1.3)
+    assert stack.mode() is MODE.OK
 
 
 def test_a_gait_is_asked_for_once_when_enough_has_gathered_and_never_while_walking() -> None:

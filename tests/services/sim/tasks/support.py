@@ -1,6 +1,7 @@
 """A workshop without motors: the robot stands nailed to its place, things are moved by hand."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -117,6 +118,28 @@ class Workshop:
         return [str(contact) for contact in self.trial.judge.undesired]
 
 
+@dataclass
+class Measured:
+    """Measures what it is told."""
+
+    _robot: BodyState
+    _loads: tuple[float, float]
+    _joints: Mapping[str, float]
+    _objects: Mapping[str, BodyState]
+
+    def robot(self) -> BodyState:
+        return self._robot
+
+    def loads(self) -> tuple[float, float]:
+        return self._loads
+
+    def joints(self) -> Mapping[str, float]:
+        return self._joints
+
+    def objects(self) -> Mapping[str, BodyState]:
+        return self._objects
+
+
 def snapshot(
     time: float,
     robot: BodyState | None = None,
@@ -128,12 +151,7 @@ def snapshot(
     objects: Mapping[str, BodyState] | None = None,
 ) -> Snapshot:
     """A robot that stands at the origin, unless told otherwise."""
-    return Snapshot(
-        time=time,
-        robot=robot or BodyState.upright(0.0, 0.0, 0.82),
-        loads=loads,
-        fallen=fallen,
-        joints=joints or {},
-        objects=objects or {},
-        contacts=contacts or {},
+    measured = Measured(
+        robot or BodyState.upright(0.0, 0.0, 0.82), loads, joints or {}, objects or {}
     )
+    return Snapshot(time, fallen, contacts or {}, measured)

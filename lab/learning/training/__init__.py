@@ -1,0 +1,1 @@
+"""Training of policies on a data set of demonstrations."""

@@ -1,0 +1,116 @@
+"""Named presets: which network, and how it learns."""
+
+from collections.abc import Mapping
+from typing import Any, Final, Literal, NamedTuple
+
+from pydantic import ValidationError
+
+from common.errors import ConfigError, explain
+from common.tables import overlaid
+from lab.learning.training.config import TrainingConfig
+from services.policy.configuration import PolicySettings, Profile
+from services.policy.kinds import CONFIGS
+
+Inputs = Literal["pictures", "scene", "blind"]
+"""What a policy knows of the scene: its pictures, the simulator's numbers, or nothing."""
+SCENES: Final[dict[str, tuple[str, ...]]] = {
+    "door/unlock": ("lever_grip", "door_hinge", "door_lever"),
+}
+"""Objects and joints that are enough to know for a task; of other tasks a policy is told all."""
+RecipeName = Literal["paper", "chunks"]
+"""``paper`` reproduces; ``chunks`` is this project's own, see :data:`_CHUNKS`."""
+
+
+class Recipe(NamedTuple):
+    """All settings of a training.
+
+    Attributes:
+        policy: settings of the policy.
+        training: settings of training.
+    """
+
+    policy: PolicySettings
+    training: TrainingConfig
+
+
+_CHUNKS: Final[dict[str, Any]] = {
+    "policy": {
+        "inputs": {"joint_state": False, "gripper_closure": True, "previous_setpoint": True},
+        "actions": {"kind": "chunks"},
+        "loss": {"hazard_frames": 8},
+    },
+    "training": {
+        "steps": 800,
+        "batch": 64,
+        "window": 20,
+        "loss_frames": 4,
+        "rate": 2e-3,
+        "schedule": "one-cycle",
+        "weight_decay": 1e-4,
+        "clip": 5.0,
+        "noise": {
+            "hand": 0.01,
+            "hand_white": 0.003,
+            "setpoint": 0.02,
+            "scene": 0.008,
+            "scene_angle": 0.009,
+        },
+        "validate_every": 100,
+    },
+}
+"""Chunks of absolute set-points in active time, noise on the inputs, the gait trigger as a hazard,
+and, from pictures, an encoder that first learns where things are from rendered views."""
+_PAPER: Final[dict[Profile, dict[str, Any]]] = {
+    "paper": {"training": {"steps": 320_000, "validate_every": 10_000}},
+    # Smaller and briefer, and with a rate to match; everything else as in the paper.
+    "cpu": {
+        "training": {
+            "steps": 4000,
+            "rate": 1e-3,
+            "schedule": "one-cycle",
+            "clip": 5.0,
+        }
+    },
+}
+
+
+def recipe(
+    kind: str,
+    profile: Profile,
+    name: RecipeName,
+    inputs: Inputs,
+    scene: tuple[str, ...] = (),
+    changes: Mapping[str, Any] | None = None,
+) -> Recipe:
+    """Return the settings of a training.
+
+    Args:
+        kind: of the policy.
+        profile: size of the network.
+        name: of the recipe.
+        inputs: what the policy knows of the scene.
+        scene: names of the scene's numbers, which it is told or estimates.
+        changes: laid over the preset: ``{"policy": {...}, "training": {...}}``.
+
+    Raises:
+        ConfigError: a value is wrong.
+    """
+    base = CONFIGS[kind].profile(profile)
+    given: dict[str, Any] = {}
+    if inputs == "scene":
+        given = {"vision": "blind", "scene": scene}
+    elif inputs == "blind":
+        given = {"vision": "blind"}
+    elif name == "chunks":
+        given = {"estimated": scene}
+    preset = _CHUNKS if name == "chunks" else _PAPER[profile]
+    tables: dict[str, Any] = {"policy": base.model_dump(), "training": {}}
+    for layer in (preset, {"policy": {"inputs": given}}, changes or {}):
+        tables = overlaid(tables, layer)
+    try:
+        return Recipe(
+            CONFIGS[kind].model_validate(tables.pop("policy")),
+            TrainingConfig.model_validate(tables.pop("training")),
+        )
+    except ValidationError as error:
+        raise ConfigError(f"the settings of the training are wrong: {explain(error)}") from error

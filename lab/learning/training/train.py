@@ -1,0 +1,197 @@
+"""Trains a policy on a data set: from episodes to a checkpoint that can be served."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from lab.errors import TrainingError
+from lab.learning.training.demonstrations import (
+    Demonstration,
+    digest_of,
+    divide,
+    episode_files,
+    read_demonstrations,
+)
+from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
+from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
+from lab.learning.training.learner import Learner
+from lab.learning.training.loop import run_steps
+from lab.learning.training.pictures import read_pictures
+from lab.learning.training.recipes import Recipe
+from lab.learning.training.truth import TruthReader
+from lab.learning.training.views import Views, render_views
+from lab.learning.training.windows import Spread, Windows, observation_spread
+from lab.progress import ProgressBar
+from lab.trials.folder import disk_errors, locked_folder
+from lab.trials.provenance import code_version
+from services.policy.checkpoint.manifest import Origin
+from services.policy.kinds import network as new_network
+from services.policy.networks.policy import PolicyNetwork
+from services.policy.processor.processor import ESTIMATED, Processor
+
+PACKAGES = ("torch", "safetensors", "numpy", "h5py", "mujoco")
+"""Packages whose versions can change what is learned."""
+CAMERA_SIZE = (400, 300)
+"""Width and height of the robot's cameras, for a data set without pictures [pixels]."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What is to be trained.
+
+    Attributes:
+        task: of the demonstrations.
+        data: folder of the data set.
+        out: folder of the training.
+        recipe: settings of policy and training.
+        device: of torch, for instance ``cuda``.
+    """
+
+    task: str
+    data: Path
+    out: Path
+    recipe: Recipe
+    device: torch.device
+
+
+def train(job: Job) -> Progress:
+    """Train, or go on with a training that was stopped; return how far it is.
+
+    Raises:
+        TrainingError: the data set does not fit, the folder has another training, or the loss is
+            no number any more.
+        EpisodeError: an episode is damaged.
+        ProcessorError: the data set lacks what the policy observes.
+        RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
+    """
+    policy, config = job.recipe
+    with ProgressBar("reading", len(episode_files(job.data))) as bar:
+        demonstrations = read_demonstrations(job.data, job.task, bar.advance)
+    folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
+    with locked_folder(job.out, TrainingError):
+        folder.begin(TrainingFile.of(job.task, digest, policy, config))
+        learned, held_out = divide(demonstrations, config.held_out, config.seed)
+        _tell_scene(job, demonstrations)
+        processor = Processor.fit(policy, [d.arrays for d in learned])
+        torch.manual_seed(config.seed)
+        network = new_network(policy)
+        scene = None
+        if policy.inputs.estimated:
+            scene = _estimate(job, folder, network, processor, (learned, held_out))
+        learner = Learner(network, config, job.device)
+        origin = _origin(job.task, demonstrations, len(learned))
+        return run_steps(
+            learner,
+            folder,
+            config,
+            _windows(job, processor, learned),
+            _windows(job, processor, held_out),
+            (observation_spread(processor, config.noise), scene),
+            lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
+        )
+
+
+def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
+    """Add the numbers of the scene, if there are any, to the columns of each demonstration."""
+    inputs = job.recipe.policy.inputs
+    columns = {"scene": inputs.scene, ESTIMATED: inputs.estimated}
+    if not any(columns.values()):
+        return
+    reader = TruthReader(job.task)
+    with ProgressBar("scene", len(demonstrations)) as bar:
+        for demonstration in demonstrations:
+            arrays = demonstration.arrays
+            arrays |= {c: reader.numbers(names, arrays) for c, names in columns.items() if names}
+            bar.advance()
+
+
+def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstration]) -> Windows:
+    """Return the windows of demonstrations, with pictures if the network is to look at them."""
+    inputs = processor.inputs
+    pictures = np.empty((sum(d.frames for d in demonstrations), 0, 1, 1, 3), dtype=np.uint8)
+    if inputs.cameras and not inputs.estimated:
+        with (
+            disk_errors(job.out, TrainingError),
+            ProgressBar("pictures", len(demonstrations)) as bar,
+        ):
+            pictures = read_pictures(demonstrations, inputs, job.out, bar.advance)
+    return Windows(processor, [d.arrays for d in demonstrations], pictures, job.recipe.training)
+
+
+def _estimate(
+    job: Job,
+    folder: TrainingFolder,
+    network: PolicyNetwork,
+    processor: Processor,
+    parts: tuple[Sequence[Demonstration], Sequence[Demonstration]],
+) -> Spread:
+    """Train the parts of ``network`` that estimate the scene, freeze them, and return their error.
+
+    It is the error on views of held-out episodes; half of it is white in the noise, too.
+    """
+    config, estimating = job.recipe.training, estimating_parts(network)
+    assert processor.scene is not None
+    error = folder.load_estimator(estimating)
+    if error is None:
+        learned, held_out = _views(job, *parts)
+        with ProgressBar("estimator", config.views.steps) as bar:
+            train_estimator(
+                network,
+                learned,
+                processor.scene,
+                config,
+                job.device,
+                lambda step, loss: bar.show(step + 1, text=f"loss {loss:.3f}"),
+            )
+            found = estimates(network, held_out, job.device)
+            wrong = np.square(found - processor.scene.normalise(held_out.labels))
+            error = np.sqrt(wrong.mean(axis=0)).tolist()
+            bar.say(_in_words(processor, error))
+        folder.save_estimator(estimating, error)
+    for parameter in estimating.parameters():
+        parameter.requires_grad_(False)
+    constant = config.noise.estimate * np.array(error)
+    return Spread(constant, 0.5 * constant)
+
+
+def _views(
+    job: Job, learned: Sequence[Demonstration], held_out: Sequence[Demonstration]
+) -> tuple[Views, Views]:
+    """Return views of demonstrations that are learned from, and of held-out ones."""
+    inputs, config = job.recipe.policy.inputs, job.recipe.training
+    reader, size = TruthReader(job.task), learned[0].meta.picture_size or CAMERA_SIZE
+    # The generators of the two must not draw alike.
+    learning, validating = np.random.SeedSequence(config.seed).spawn(2)
+    views = config.views
+    with ProgressBar("views", views.count + views.held_out) as bar:
+        rng = np.random.default_rng(learning)
+        first = render_views(reader, learned, inputs, size, views, views.count, rng, bar.advance)
+        rng = np.random.default_rng(validating)
+        return first, render_views(
+            reader, held_out, inputs, size, views, views.held_out, rng, bar.advance
+        )
+
+
+def _in_words(processor: Processor, error: Sequence[float]) -> str:
+    """Say how large the error of the estimates is."""
+    assert processor.scene is not None
+    named = zip(processor.inputs.estimated, error, processor.scene.scale, strict=True)
+    numbers = ", ".join(f"{name} {part * scale:.4f}" for name, part, scale in named)
+    return f"the scene is estimated with an error, root mean square on held-out views, of {numbers}"
+
+
+def _origin(task: str, demonstrations: Sequence[Demonstration], learned: int) -> Origin:
+    code = code_version("lab.learning.training.train", packages=PACKAGES)
+    sizes = {d.meta.picture_size for d in demonstrations}
+    return Origin(
+        dataset=digest_of(demonstrations),
+        episodes=learned,
+        source=code.source,
+        versions=code.versions,
+        operator=", ".join(sorted({d.meta.operator for d in demonstrations})),
+        task=task,
+        picture_size=sizes.pop() if len(sizes) == 1 else None,
+    )

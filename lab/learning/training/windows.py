@@ -1,0 +1,197 @@
+"""Windows of demonstrations as batches: drawn by a seed, with noise on what is observed."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from common.episodes.columns import BY_PATH
+from lab.learning.training.config import NoiseConfig, TrainingConfig
+from services.policy.networks.policy import TargetBatch
+from services.policy.processor.pictures import Picture
+from services.policy.processor.processor import ESTIMATED, Processor
+from services.policy.processor.targets import Targets
+
+Array = NDArray[Any]
+
+
+class Batch(NamedTuple):
+    """Windows of t frames, b of them.
+
+    Attributes:
+        observation: (b, t, n) observation vectors.
+        pictures: (b, t, cameras, height, width, 3) pictures; no cameras if they are not looked at.
+        seen: (b, t, m) numbers of the scene in place of an estimate from the pictures, or None.
+        targets: of the frames ``at``.
+        at: (k,) frames of each window that count.
+    """
+
+    observation: Tensor
+    pictures: Tensor
+    seen: Tensor | None
+    targets: TargetBatch
+    at: Tensor
+
+    def to(self, device: torch.device) -> "Batch":
+        """Return the batch on a device."""
+        seen = None if self.seen is None else self.seen.to(device)
+        targets = TargetBatch._make(part.to(device) for part in self.targets)
+        observation, pictures = self.observation.to(device), self.pictures.to(device)
+        return Batch(observation, pictures, seen, targets, self.at.to(device))
+
+
+class Spread(NamedTuple):
+    """Standard deviations (n,) of the noise on a vector, in its normalised units.
+
+    Attributes:
+        constant: one draw for a window.
+        white: one draw for a frame.
+    """
+
+    constant: Array
+    white: Array
+
+    def draw(self, rng: np.random.Generator, windows: int, frames: int) -> NDArray[np.float32]:
+        """Return noise (windows, frames, n)."""
+        constant = rng.standard_normal((windows, 1, len(self.constant))) * self.constant
+        white = rng.standard_normal((windows, frames, len(self.white))) * self.white
+        return np.asarray(constant + white, dtype=np.float32)
+
+
+def observation_spread(processor: Processor, noise: NoiseConfig) -> Spread:
+    """Return the noise on a policy's observation vectors."""
+    constant: list[float] = []
+    white: list[float] = []
+    for name, width in processor.inputs.parts.items():
+        if name == "observation/control_state":
+            break
+        parts = [(0.0, 0.0)] * width
+        if name == "observation/poses":
+            parts = [
+                (noise.hand, noise.hand_white) if _is_hand_position(label) else (0.0, 0.0)
+                for label in BY_PATH[name].names
+            ]
+        elif name == "previous_setpoint":
+            # Positions and rotation vectors of both hands.
+            parts = [(noise.setpoint if i % 6 < 3 else 0.0, 0.0) for i in range(width)]
+        elif name == "scene":
+            scales = [
+                noise.scene if label.endswith((".x", ".y", ".z")) else noise.scene_angle
+                for label in processor.inputs.scene
+            ]
+            parts = [(scale, 0.5 * scale) for scale in scales]
+        constant += [part[0] for part in parts]
+        white += [part[1] for part in parts]
+    scale = np.array(processor.observation.scale)
+    rest = np.zeros(processor.inputs.width - len(scale))
+    return Spread(
+        np.concatenate((np.array(constant) / scale, rest)),
+        np.concatenate((np.array(white) / scale, rest)),
+    )
+
+
+def _is_hand_position(name: str) -> bool:
+    return "_hand." in name and name.endswith((".x", ".y", ".z"))
+
+
+class Windows:
+    """All windows of some demonstrations.
+
+    A window may begin in any frame. Beyond the end of its episode the last frame is repeated, and
+    does not count.
+    """
+
+    def __init__(
+        self,
+        processor: Processor,
+        episodes: Sequence[dict[str, Any]],
+        pictures: Picture,
+        config: TrainingConfig,
+    ) -> None:
+        """Prepare observations and targets.
+
+        Args:
+            processor: of the policy.
+            episodes: columns of each demonstration.
+            pictures: (frames, cameras, height, width, 3) of all of them, in order.
+            config: of training.
+        """
+        self._config, self._pictures = config, pictures
+        self._observation = np.concatenate([processor.episode(arrays) for arrays in episodes])
+        found = [processor.targets(arrays) for arrays in episodes]
+        self._targets = Targets._make(np.concatenate(parts) for parts in zip(*found, strict=True))
+        lengths = [len(targets.gait) for targets in found]
+        self._last = np.repeat(np.cumsum(lengths) - 1, lengths)
+        self._first = np.cumsum([0, *lengths[:-1]])
+        self._scene = None
+        if processor.scene is not None:
+            shown = np.concatenate([np.asarray(arrays[ESTIMATED]) for arrays in episodes])
+            self._scene = processor.scene.normalise(shown)
+
+    def __len__(self) -> int:
+        return len(self._last)
+
+    def draw(
+        self,
+        rng: np.random.Generator,
+        count: int,
+        observation: Spread,
+        scene: Spread | None = None,
+    ) -> Batch:
+        """Return ``count`` random windows with noise on what is observed."""
+        config = self._config
+        starts = rng.integers(len(self), size=count)
+        kept = config.loss_frames or config.window
+        at = np.sort(rng.permutation(config.window)[:kept])
+        batch = self._batch(starts, at, rng if config.shift else None)
+        shape = count, config.window
+        batch.observation.add_(torch.from_numpy(observation.draw(rng, *shape)))
+        if batch.seen is not None and scene is not None:
+            batch.seen.add_(torch.from_numpy(scene.draw(rng, *shape)))
+        return batch
+
+    def whole(self, count: int) -> list[Batch]:
+        """Return the episodes cut into windows without overlap, ``count`` in a batch, no noise."""
+        window = self._config.window
+        ends = [*self._first[1:].tolist(), len(self)]
+        spans = zip(self._first.tolist(), ends, strict=True)
+        starts = np.concatenate([np.arange(first, end, window) for first, end in spans])
+        at = np.arange(window)
+        return [self._batch(starts[i : i + count], at, None) for i in range(0, len(starts), count)]
+
+    def _batch(self, starts: Array, at: Array, shifting: np.random.Generator | None) -> Batch:
+        frames = starts[:, None] + np.arange(self._config.window)
+        valid = frames <= self._last[starts][:, None]
+        frames = np.minimum(frames, self._last[starts][:, None])
+        counted = frames[:, at]
+        parts = [*(part[counted] for part in self._targets), valid[:, at]]
+        targets = TargetBatch._make(torch.from_numpy(part) for part in parts)
+        pictures = self._pictures[frames]
+        if shifting is not None:
+            pictures = shifted(pictures, shifting, self._config.shift)
+        seen = None if self._scene is None else torch.from_numpy(self._scene[frames])
+        return Batch(
+            torch.from_numpy(self._observation[frames]),
+            torch.from_numpy(pictures),
+            seen,
+            targets,
+            torch.from_numpy(at),
+        )
+
+
+def shifted(pictures: Picture, rng: np.random.Generator, most: int) -> Picture:
+    """Return windows of pictures (b, t, cameras, h, w, 3), each shifted by up to ``most`` pixels.
+
+    All pictures of a window are shifted alike: disparity between the eyes is distance, and motion
+    between frames is motion. Edges are repeated.
+    """
+    height, width = pictures.shape[3:5]
+    moved = np.empty_like(pictures)
+    for i, (down, right) in enumerate(rng.integers(-most, most + 1, size=(len(pictures), 2))):
+        rows = np.clip(np.arange(height) + down, 0, height - 1)
+        columns = np.clip(np.arange(width) + right, 0, width - 1)
+        moved[i] = pictures[i][:, :, rows][:, :, :, columns]
+    return moved

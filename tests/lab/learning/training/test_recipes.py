@@ -1,0 +1,47 @@
+"""What the options of a training mean."""
+
+import pytest
+
+from common.errors import ConfigError
+from lab.learning.training.recipes import recipe
+from services.policy.configuration import ChunkConfig, DifferenceConfig
+from services.policy.trill.configuration import TrillConfig
+
+NAMES = ("lever_grip.x", "door_hinge")
+
+
+def test_the_paper_recipe_changes_nothing_of_the_paper_network() -> None:
+    policy, training = recipe("trill", "paper", "paper", "pictures", NAMES)
+    assert policy == TrillConfig()
+    assert isinstance(policy.actions, DifferenceConfig)
+    assert (training.batch, training.window, training.rate) == (16, 10, 1e-4)
+    assert (training.schedule, training.steps, training.clip) == ("constant", 320_000, 0.0)
+
+
+@pytest.mark.parametrize("kind", ["trill", "bc-rnn", "bc"])
+def test_every_kind_has_every_recipe_and_profile(kind: str) -> None:
+    for profile in ("cpu", "paper"):
+        for name in ("paper", "chunks"):
+            policy, _ = recipe(kind, profile, name, "pictures", NAMES)
+            assert policy.inputs.cameras == ("left", "right")
+            assert isinstance(policy.actions, ChunkConfig) == (name == "chunks")
+            assert policy.inputs.estimated == (NAMES if name == "chunks" else ())
+
+
+def test_inputs_decide_what_is_known_of_the_scene() -> None:
+    told = recipe("trill", "cpu", "chunks", "scene", NAMES).policy.inputs
+    blind = recipe("trill", "cpu", "chunks", "blind", NAMES).policy.inputs
+    assert (told.scene, told.estimated, told.cameras) == (NAMES, (), ())
+    assert (blind.scene, blind.estimated, blind.cameras) == ((), (), ())
+
+
+def test_changes_are_laid_over_the_preset() -> None:
+    changes = {"policy": {"actions": {"steps": 7}}, "training": {"noise": {"hand": 0.5}}}
+    policy, training = recipe("trill", "cpu", "chunks", "blind", changes=changes)
+    assert policy.actions == ChunkConfig(steps=7)
+    assert (training.noise.hand, training.noise.setpoint) == (0.5, 0.02)
+
+
+def test_an_unknown_setting_is_named() -> None:
+    with pytest.raises(ConfigError, match=r"rat: unknown|rat.*not permitted|rat"):
+        recipe("trill", "cpu", "chunks", "blind", changes={"training": {"rat": 1.0}})

@@ -1,0 +1,141 @@
+"""A training from a data set to a checkpoint: what is learned, kept, and gone on with."""
+
+import json
+from math import log, pi
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from lab.errors import TrainingError
+from lab.learning.training.folder import BEST, LAST, METRICS, STATE
+from lab.learning.training.learner import Learner
+from lab.learning.training.train import train
+from services.policy.checkpoint.folder import load_checkpoint
+from services.policy.configuration import InputConfig, LossConfig
+from tests.lab.learning.training.support import PICTURE, SCENE, blind, dataset, job
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return dataset(tmp_path_factory.mktemp("data") / "set")
+
+
+def weights(out: Path, name: str = LAST) -> dict[str, torch.Tensor]:
+    network, _ = load_checkpoint(out / name)
+    return dict(network.state_dict())
+
+
+def metrics(out: Path) -> list[dict[str, Any]]:
+    found = [json.loads(line) for line in (out / METRICS).read_text().splitlines()]
+    for line in found:
+        del line["seconds"]
+    return found
+
+
+def assert_same(one: dict[str, torch.Tensor], other: dict[str, torch.Tensor]) -> None:
+    assert one.keys() == other.keys()
+    for name, tensor in one.items():
+        assert torch.equal(tensor, other[name]), name
+
+
+def test_four_demonstrations_are_learned_by_heart(data: Path, tmp_path: Path) -> None:
+    told = blind(
+        inputs=InputConfig(vision="blind", scene=SCENE, previous_setpoint=True),
+        loss=LossConfig(hands=0.1),
+    )
+    changes = {"steps": 300, "batch": 16, "window": 10, "validate_every": 100, "rate": 0.02}
+    train(job(data, tmp_path, told, **changes))
+    learned = metrics(tmp_path)[-1]["train"]
+    # The least loss there is: no error, and the least standard deviation, in all 14 numbers.
+    floor = 14 * (log(0.1) + 0.5 * log(2.0 * pi))
+    assert floor < learned["hands"] < floor + 1.0
+    assert learned["grasp"] < 0.05
+    assert learned["trigger"] + learned["gait"] < 0.05
+
+
+def test_a_stopped_training_goes_on_as_if_it_had_not_been(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, broken = tmp_path / "whole", tmp_path / "broken"
+    averaging: dict[str, Any] = {"steps": 9, "average": 0.9, "weight_decay": 1e-3}
+    train(job(data, whole, **averaging))
+    learn, taken = Learner.learn, 0
+
+    def until_killed(self: Learner, *arguments: Any) -> Any:
+        nonlocal taken
+        taken += 1
+        if taken == 8:
+            raise KeyboardInterrupt
+        return learn(self, *arguments)
+
+    monkeypatch.setattr(Learner, "learn", until_killed)
+    with pytest.raises(KeyboardInterrupt):
+        train(job(data, broken, **averaging))
+    train(job(data, broken, **averaging))
+    # The two steps after the last validation were taken twice.
+    assert taken == 11
+    assert metrics(broken) == metrics(whole)
+    for name in (BEST, LAST):
+        assert_same(weights(broken, name), weights(whole, name))
+
+
+def test_best_is_the_least_loss_on_held_out_episodes(data: Path, tmp_path: Path) -> None:
+    done = train(job(data, tmp_path, steps=60, rate=0.1, schedule="constant", clip=0.0))
+    losses = {line["step"]: line["held_out"]["loss"] for line in metrics(tmp_path)}
+    assert done.best_step == min(losses, key=lambda step: losses[step])
+    assert done.best_step < done.step == 60
+    names = {path.name for path in (tmp_path / "checkpoints").iterdir()}
+    assert names == {f"{done.best_step:06d}", "000060"}
+    assert (tmp_path / BEST).resolve().name == f"{done.best_step:06d}"
+    assert (tmp_path / LAST).resolve().name == "000060"
+
+
+def test_a_checkpoint_says_where_it_comes_from(data: Path, tmp_path: Path) -> None:
+    train(job(data, tmp_path))
+    origin = load_checkpoint(tmp_path / LAST)[1].manifest.origin
+    assert (origin.task, origin.operator, origin.episodes) == ("door/unlock", "synthetic", 4)
+    assert len(origin.dataset) == len(origin.source) == 64
+    assert {"torch", "python"} <= origin.versions.keys()
+
+
+def test_another_seed_learns_something_else(data: Path, tmp_path: Path) -> None:
+    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
+        train(job(data, tmp_path / name, seed=seed))
+    assert_same(weights(tmp_path / "a"), weights(tmp_path / "b"))
+    assert metrics(tmp_path / "a") != metrics(tmp_path / "c")
+
+
+def test_minutes_end_a_training(data: Path, tmp_path: Path) -> None:
+    done = train(job(data, tmp_path, minutes=1e-3, steps=10**9, validate_every=10**9))
+    assert done.seconds >= 0.06
+    assert metrics(tmp_path)[-1]["step"] == done.step
+
+
+def test_pictures_are_learned_from(tmp_path: Path) -> None:
+    data = dataset(tmp_path / "data", 3, pictures=True)
+    seeing = blind(inputs=InputConfig(picture_size=(24, 18), joint_state=False))
+    train(job(data, tmp_path / "out", seeing, shift=2))
+    network, description = load_checkpoint(tmp_path / "out" / LAST)
+    assert description.manifest.origin.picture_size == PICTURE
+    assert int(network.encoders["left"].trunk.layers[1].num_batches_tracked) == 6
+
+
+def test_other_settings_are_refused_in_the_same_folder(data: Path, tmp_path: Path) -> None:
+    train(job(data, tmp_path))
+    with pytest.raises(TrainingError, match=r"training\.rate: 0\.01 \| 0\.02"):
+        train(job(data, tmp_path, rate=0.02))
+
+
+def test_a_damaged_state_is_refused(data: Path, tmp_path: Path) -> None:
+    train(job(data, tmp_path))
+    path = tmp_path / STATE
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(TrainingError, match="it is damaged, remove it"):
+        train(job(data, tmp_path))
+
+
+def test_a_loss_that_is_no_number_ends_the_training(data: Path, tmp_path: Path) -> None:
+    with pytest.raises(TrainingError, match="the learning rate is too high"):
+        train(job(data, tmp_path, rate=1e20, schedule="constant", clip=0.0, steps=20))
