@@ -40,7 +40,12 @@ def study(root: Path) -> tuple[Path, Callable[[], object]]:
 
 def study_of_persons(root: Path) -> tuple[Path, Callable[[], object]]:
     person = trial(operator="human", participant="P01")
-    return root / HUMAN, lambda: StudyStore(root).add(person)
+
+    def add() -> None:
+        with StudyStore(root).adding() as append:
+            append(person)
+
+    return root / HUMAN, add
 
 
 def data_set(root: Path) -> tuple[Path, Callable[[], object]]:
