@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from platform import python_version
 
-from common import native
 from common.program import run_program
 from lab.cli.commands import Command, add_commands, run_chosen
 
@@ -47,6 +46,8 @@ class _Version(argparse.Action):
         super().__init__(option_strings, dest, nargs=0, help=help)
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object, **__: object) -> None:
+        from common import native
+
         print(f"trill {version('trill')}, Python {python_version()}, {native.summary()}")
         parser.exit()
 

@@ -40,8 +40,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--solver",
         choices=["osqp", "daqp", "quadprog"],
-        help="QP solver (osqp); daqp is exact and faster, quadprog exact and not installed by the "
-        "wbc extra",
+        help="solver of the QPs that cannot be solved faster: daqp (default, exact), osqp, or "
+        "quadprog, which the wbc extra does not install",
     )
     group.add_argument(
         "--raw-hands", action="store_true", help="jump to each hand set-point, no interpolation"

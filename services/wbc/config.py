@@ -245,7 +245,7 @@ class WbcConfig(StrictModel):
 
     rate: float = Field(default=100.0, ge=20.0, le=1000.0, description="[Hz]")
     solver: Literal["osqp", "daqp", "quadprog"] = Field(
-        default="osqp", description="of the QP, where the compiled dual method is not built"
+        default="daqp", description="of a QP that cannot be solved faster; the default is exact"
     )
     tasks: TaskConfig = TaskConfig()
     contact: ContactConfig = ContactConfig()

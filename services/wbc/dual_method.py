@@ -13,30 +13,23 @@ from common.native import kernel
 from services.wbc.active_set import TOLERANCE, ActiveSet
 from services.wbc.layout import NV
 from services.wbc.qp import NUM_VARIABLES, QpData
-from services.wbc.solvers import (
-    EQUALITIES,
-    SLACK_WEIGHT,
-    Solution,
-    Solver,
-    exact_solver,
-    make_solver,
-)
+from services.wbc.solvers import EQUALITIES, SLACK_WEIGHT, Solution, Solver, make_solver
 
 
 class DualMethod:
     """Goldfarb and Idnani's method, backed by another solver.
 
     Args:
-        name: what it is called in messages.
         compiled: the kernel.
         inner: solver of the QPs for which it finds no solution; None: they are reported unsolved.
 
     Attributes:
+        name: of the other solver.
         asked: number of QPs that were left to the other solver.
     """
 
-    def __init__(self, name: str, compiled: ModuleType, inner: Solver | None) -> None:
-        self.name, self.asked = name, 0
+    def __init__(self, compiled: ModuleType, inner: Solver | None) -> None:
+        self.name, self.asked = "" if inner is None else inner.name, 0
         self._solve, self._inner = compiled.solve, inner
 
     def solve(self, data: QpData) -> Solution:
@@ -55,7 +48,7 @@ class DualMethod:
 
 
 def controller_solver(name: str) -> Solver:
-    """Return what solves a controller's QPs; ``name`` is the solver to ask without the kernel.
+    """Return what solves a controller's QPs; ``name`` is the solver to ask where that fails.
 
     Raises:
         SolverUnavailableError: its package is not installed.
@@ -63,4 +56,4 @@ def controller_solver(name: str) -> Solver:
     compiled = kernel("services.wbc._dual_method")
     if compiled is None:
         return ActiveSet(make_solver(name))
-    return DualMethod(name, compiled, exact_solver())
+    return DualMethod(compiled, make_solver(name))

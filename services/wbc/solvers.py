@@ -289,12 +289,12 @@ def make_solver(name: str) -> Solver:
     if name not in _SOLVERS:
         raise SolverUnavailableError(f"unknown solver {name!r}, expected one of {list(_SOLVERS)}")
     if name == OsqpSolver.name:
-        return OsqpSolver(fallback=exact_solver())
+        return OsqpSolver(fallback=_exact_solver())
     solver: Solver = _SOLVERS[name]()
     return solver
 
 
-def exact_solver() -> Solver | None:
+def _exact_solver() -> Solver | None:
     """Return the solver for QPs that another does not finish; None if it is not installed."""
     try:
         return DaqpSolver()

@@ -66,7 +66,7 @@ class Scenario:
     hands: HandMotion | None = None
     hand_quaternions: tuple[Array, Array] = (FORWARD, FORWARD)
     hand_mode: Literal["interpolate", "raw"] = "interpolate"
-    solver: Literal["osqp", "daqp", "quadprog"] = "osqp"
+    solver: Literal["osqp", "daqp", "quadprog"] = "daqp"
     seed: int = 0
     tail: float = 1.0
 

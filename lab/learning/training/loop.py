@@ -6,7 +6,7 @@ from time import monotonic
 
 import numpy as np
 
-from common.files import append_line
+from common.files import appending
 from lab.errors import TrainingError
 from lab.learning.training.config import TrainingConfig
 from lab.learning.training.curves import draw_curves, read_metrics
@@ -90,7 +90,8 @@ def _report(
     line = {"step": progress.step, "seconds": round(progress.seconds, 3), "rate": rate}
     path = folder.root / METRICS
     with disk_errors(path, TrainingError):
-        append_line(path, json.dumps(line | {"train": learned, "held_out": held_out}))
+        with appending(path) as append:
+            append(json.dumps(line | {"train": learned, "held_out": held_out}))
         draw_curves(read_metrics(path), folder.root / CURVES)
     terms = ", ".join(f"{name} {value:.3f}" for name, value in held_out.items() if name != "loss")
     bar.say(

@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(
 
 def _solve(data: QpData) -> Solution:
     assert compiled is not None
-    return DualMethod("alone", compiled, None).solve(data)
+    return DualMethod(compiled, None).solve(data)
 
 
 def _exact(data: QpData) -> Array:
@@ -141,7 +141,7 @@ def test_a_qp_without_a_solution_is_left_to_the_other_solver(walk: list[Tick]) -
     assert compiled is not None
     bad = _infeasible(walk[len(walk) // 2].data)
     assert not _solve(bad).solved
-    solver = DualMethod("both", compiled, make_solver("daqp"))
+    solver = DualMethod(compiled, make_solver("daqp"))
     result = solver.solve(bad)
     assert (result.solved, solver.asked) == (False, 1)
     assert result.status.startswith("daqp")
