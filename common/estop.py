@@ -7,17 +7,13 @@ messages does not delay it.
 
 from typing import Final
 
+from common.repeat import next_due_ns
 from common.schemas import Estop, GuardMode, Header, PlantStatus
 
 BURST: Final = 8
 """Copies sent at once: with half of all messages lost, 99.6 % of the bursts arrive."""
 LONGEST_POLL_PERIOD: Final = 0.05
 """Largest time between two calls of :meth:`StopButton.poll` [s]."""
-BEAT_PERIOD_NS: Final = 100_000_000
-"""Between two messages of a button that is not pressed."""
-EARLY_NS: Final = 20_000_000
-"""Such a message may come this much early, so that a step that is not quite due need not wait for
-the next."""
 
 
 class StopButton:
@@ -59,5 +55,5 @@ class StopButton:
             return [Estop(header=header, reason=self._reason)] * BURST
         if now_ns < self._beat_due_ns:
             return []
-        self._beat_due_ns = now_ns + BEAT_PERIOD_NS - EARLY_NS
+        self._beat_due_ns = next_due_ns(now_ns)
         return [Estop(header=header, reason="", pressed=False)]

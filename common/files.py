@@ -3,7 +3,7 @@
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -82,13 +82,14 @@ def _synchronise(path: Path) -> None:
         os.close(handle)
 
 
-def append_line(path: Path, text: str) -> None:
-    """Append a line, after removing a torn last one; it is on the disk when this returns.
+@contextmanager
+def appending(path: Path) -> Iterator[Callable[[str], None]]:
+    """Yield a function that appends a line; other processes that would append wait meanwhile.
 
-    Several processes may append at once.
+    A torn last line is removed first. A line is on the disk when the function returns.
 
     Raises:
-        OSError: it cannot be written.
+        OSError: the file cannot be written.
     """
     with path.open("a+b") as file:
         # Without the lock, a line that another process is writing would be taken for torn.
@@ -96,9 +97,13 @@ def append_line(path: Path, text: str) -> None:
         whole = _end_of_last_line(file)
         if whole < file.seek(0, os.SEEK_END):
             file.truncate(whole)
-        file.write(text.encode() + b"\n")
-        file.flush()
-        os.fsync(file.fileno())
+
+        def append(text: str) -> None:
+            file.write(text.encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+
+        yield append
 
 
 def _end_of_last_line(file: BinaryIO) -> int:

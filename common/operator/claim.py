@@ -7,8 +7,10 @@ on ``wbc/authority``; an operator sends set-points and gait requests only while 
 from collections.abc import Iterable
 from typing import Final
 
+from common.repeat import next_due_ns
 from common.runtime.service import Inputs, Output
 from common.schemas import (
+    NOBODY,
     AuthorityChange,
     AuthorityState,
     GaitReply,
@@ -19,11 +21,6 @@ from common.schemas import (
 )
 from common.topics import TELEOP_CLAIM, WBC_AUTHORITY
 
-PERIOD_NS: Final = 100_000_000
-"""Between two claims without a change."""
-EARLY_NS: Final = 20_000_000
-"""A claim may come this much early, so that a step that is not quite due need not wait for the
-next."""
 PATIENCE: Final = 3.0
 """Time after which a person's wish that was not granted is withdrawn [s]."""
 
@@ -51,7 +48,7 @@ class Claimant:
         self.acts = 1 if kind is OperatorKind.SCRIPT else 0
         self.authority: AuthorityState | None = None
         self.asked: float | None = None
-        self._own = Sender("", 0)
+        self._own = NOBODY
         self._believes = False
         self._left: AuthorityState | None = None
         self._sent: OperatorClaim | None = None
@@ -119,7 +116,7 @@ class Claimant:
         )
         if claim == self._sent and now_ns < self._due_ns:
             return []
-        self._sent, self._due_ns = claim, now_ns + PERIOD_NS - EARLY_NS
+        self._sent, self._due_ns = claim, next_due_ns(now_ns)
         return [Output(TELEOP_CLAIM, claim.model_copy(update={"header": Header(stamp=stamp)}))]
 
     def _is_outdated(self, said: AuthorityState) -> bool:

@@ -23,7 +23,7 @@ from common.plant import limits, reentry
 from common.plant.config import GuardConfig
 from common.plant.stop import StopRecord
 from common.robot.joints import NUM_JOINTS
-from common.schemas import GuardMode, JointCommand, Sender
+from common.schemas import NOBODY, GuardMode, JointCommand, Sender
 from common.schemas.arrays import Float64Array as Array
 
 
@@ -121,7 +121,7 @@ class Guard:
         self.foreign = 0
         self.holds = 0
         self.last_refusal: Refusal | None = None
-        self.last_refused = Sender("", 0)
+        self.last_refused = NOBODY
         self.stop = stop or StopRecord()
         self._beat_ns: int | None = None
         self.reset(-1)

@@ -12,7 +12,7 @@ from common.schemas.authority import (
     OperatorClaim,
     OperatorKind,
 )
-from common.schemas.base import Header, Message, Sender
+from common.schemas.base import NOBODY, Header, Message, Sender
 from common.schemas.camera import CameraFrame
 from common.schemas.device import DeviceInput, HandController
 from common.schemas.episode import EpisodeAction, EpisodeMark
@@ -50,6 +50,7 @@ from common.schemas.task import (
 from common.schemas.wbc import ControllerState, ControlState, GaitOutcome, GaitReply
 
 __all__ = [
+    "NOBODY",
     "AuthorityChange",
     "AuthorityState",
     "CameraFrame",

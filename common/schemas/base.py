@@ -1,6 +1,6 @@
 """The header every message carries and the base class of all messages."""
 
-from typing import Annotated, ClassVar, NamedTuple
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -13,6 +13,10 @@ class Sender(NamedTuple):
 
     source: str
     boot: int
+
+
+NOBODY: Final = Sender("", 0)
+"""Stands for a sender where there is none."""
 
 
 class Header(BaseModel):

@@ -97,30 +97,34 @@ def _add(arguments: argparse.Namespace) -> int:
     path = chosen_log(arguments.log)
     with ProgressBar("reading the log") as bar:
         trials = read_trials(LogReader(path), arguments.participant, condition, bar.advance)
-    known = {trial.key for trial in store.human_trials()}
-    # All trials are checked first: a log that is added in part looks like a complete one.
-    for trial in trials:
-        if trial.task not in plan.tasks:
-            raise LatencyStudyError(
-                f"{path}: {trial.task} is not in the study {store.root}; expected one of "
-                f"{', '.join(plan.tasks)}; nothing was added"
-            )
-        if not arguments.anyway and trial.key not in known:
-            _check_latencies(path, trial)
-    for trial in trials:
-        text = f"{trial.task} {trial.condition} seed {trial.seed}, {trial.participant}"
-        if trial.key in known:
-            print(f"{text}: there already, left as it is")
-            continue
-        known.add(trial.key)
-        store.add(trial)
-        mean = trial.command.mean
-        print(
-            f"{text}: {trial.verdict} at {trial.time:.1f} s; command latency: requested "
-            f"{1e3 * trial.command.asked_mean:.0f} ms, measured "
-            + ("nothing" if mean is None else f"{1e3 * mean:.0f} ms")
-        )
+    with store.adding() as add:
+        known = {trial.key for trial in store.human_trials()}
+        # All trials are checked first: a log that is added in part looks like a complete one.
+        for trial in trials:
+            if trial.task not in plan.tasks:
+                raise LatencyStudyError(
+                    f"{path}: {trial.task} is not in the study {store.root}; expected one of "
+                    f"{', '.join(plan.tasks)}; nothing was added"
+                )
+            if not arguments.anyway and trial.key not in known:
+                _check_latencies(path, trial)
+        for trial in trials:
+            text = f"{trial.task} {trial.condition} seed {trial.seed}, {trial.participant}"
+            if trial.key in known:
+                print(f"{text}: there already, left as it is")
+                continue
+            known.add(trial.key)
+            add(trial)
+            print(f"{text}: {_measured(trial)}")
     return 0
+
+
+def _measured(trial: "StudyTrial") -> str:
+    asked, mean = trial.command.asked_mean, trial.command.mean
+    return (
+        f"{trial.verdict} at {trial.time:.1f} s; command latency: requested {1e3 * asked:.0f} ms, "
+        f"measured {'nothing' if mean is None else f'{1e3 * mean:.0f} ms'}"
+    )
 
 
 def _check_latencies(path: Path, trial: "StudyTrial") -> None:

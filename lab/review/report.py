@@ -26,6 +26,7 @@ from services.logger.read.segments import existing_segments
 SUMMARY_FILE = "summary.json"
 SHEET_FILE = "contact_sheet.png"
 VIDEO_FILE = "video.mp4"
+_RECORDING = "the log is still being recorded: this is the run up to now"
 
 
 def finish(
@@ -73,7 +74,7 @@ def write_summary(
 
     Raises:
         LoggerError: there is no readable log.
-        LabError: the summary cannot be written.
+        LabError: it is the log of something else, or the summary cannot be written.
     """
     info, reader = read_info(log), LogReader(log)
     summary = summarise(
@@ -83,6 +84,11 @@ def write_summary(
         reason=verdict.reason,
         environment={**environment(), **settings},
     )
+    if not summary.topics and verdict.outcome == "unknown":
+        raise LabError(
+            f"{log} holds no message of this project: expected a log that a run or `trill record` "
+            "wrote; `trill info` shows what is in it"
+        )
     path = beside(log, SUMMARY_FILE)
     try:
         # Atomically: the verdict is kept nowhere else, and a full disk must not destroy it.
@@ -94,6 +100,7 @@ def write_summary(
 
 def _findings(info: LogInfo, reader: LogReader) -> LogFindings:
     """Return what is known about the log, once ``reader`` has read to the end."""
+    recording = any(segment.open for segment in info.segments)
     lost: Counter[str] = Counter()
     dropped: Counter[str] = Counter()
     for one in info.topics:
@@ -105,8 +112,8 @@ def _findings(info: LogInfo, reader: LogReader) -> LogFindings:
         lost=lost,
         dropped=dropped,
         refused=reader.refused,
-        truncated=reader.truncated,
-        remarks=[*map(str, info.pauses), *info.remarks],
+        truncated=reader.truncated and not recording,
+        remarks=[*map(str, info.pauses), *info.remarks, *[_RECORDING] * recording],
     )
 
 

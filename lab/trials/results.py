@@ -1,6 +1,7 @@
 """Keeps results of trials in files of JSON lines, which survive a kill at any moment."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Final, Generic, TypeVar
@@ -8,7 +9,7 @@ from typing import Final, Generic, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.errors import explain
-from common.files import append_line
+from common.files import appending
 from lab.errors import LabError
 from lab.trials.campaign import Executor, run_campaign
 from lab.trials.operators.kinds import operator_code
@@ -64,8 +65,21 @@ class JsonLines(Generic[M]):
         Raises:
             LabError: it cannot be written.
         """
+        with self.appending() as append:
+            append(model)
+
+    @contextmanager
+    def appending(self) -> Iterator[Callable[[M], None]]:
+        """Yield a function that does what :meth:`append` does, while nobody else can append.
+
+        Whoever appends only what is not there yet reads the lines in this block.
+
+        Raises:
+            LabError: the file cannot be written.
+        """
         try:
-            append_line(self.path, model.model_dump_json())
+            with appending(self.path) as append:
+                yield lambda model: append(model.model_dump_json())
         except OSError as error:
             raise LabError(
                 f"cannot write {self.path}: {error.strerror}; what was there is kept: mend it and "

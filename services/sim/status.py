@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from common.plant.guard import Guard, Refusal
-from common.schemas import Header, PlantStatus, Sender
+from common.schemas import NOBODY, Header, PlantStatus
 from common.schemas.arrays import Float64Array as Array
 from services.sim.physics.plant import Plant
 
@@ -55,7 +55,7 @@ def plant_status(
         divergences: of the physics.
     """
     guard = plant.guard
-    controller = guard.controller or Sender("", 0)
+    controller = guard.controller or NOBODY
     median, p99 = _percentiles(plant.command_ages, 0.5, 0.99)
     return PlantStatus(
         header=Header(stamp=plant.now_ns),

@@ -10,7 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from common.schemas import AuthorityChange, AuthorityState, Header, OperatorClaim, Sender
+from common.schemas import (
+    NOBODY,
+    AuthorityChange,
+    AuthorityState,
+    Header,
+    OperatorClaim,
+    Sender,
+)
 from common.schemas import OperatorKind as Kind
 from services.wbc.config import AuthorityConfig
 
@@ -63,13 +70,13 @@ class Authority:
         self._kind = Kind.POLICY
         self._count = 0
         self._change = AuthorityChange.NONE
-        self._previous = Sender("", 0)
+        self._previous = NOBODY
         self._changes: list[AuthorityState] = []
 
     @property
     def state(self) -> AuthorityState:
         """The decision in force, as it is published."""
-        holder = self.holder or Sender("", 0)
+        holder = self.holder or NOBODY
         wanting = [sender for sender, claimant in self._claimants.items() if self._wants(claimant)]
         return AuthorityState(
             header=Header(stamp=self._now),

@@ -9,8 +9,13 @@ from typing import Any
 import pytest
 
 from common.errors import ConfigError
-from common.files import append_line, exclusive_lock, whole_folder, write_whole
+from common.files import appending, exclusive_lock, whole_folder, write_whole
 from tests.disk import fill
+
+
+def append_line(path: Path, text: str) -> None:
+    with appending(path) as append:
+        append(text)
 
 
 def test_a_file_that_cannot_be_finished_leaves_the_one_before(

@@ -59,10 +59,13 @@ def tables_text(records: Sequence[TrialRecord]) -> str:
     """Return all tables as Markdown."""
     rows, names = rows_of(records), names_of(records)
     largest = _largest(rows)
-    codes = {record.code.source[:12] for record in records}
+    # Each kind of operator has code of its own.
+    codes = {record.code.source[:12] for record in records if record.operator == "policy"}
     parts = ["# Policies\n", LEGEND + "\n"]
     if len(codes) > 1:
-        parts.append(f"Trials of {len(codes)} versions of the code: {', '.join(sorted(codes))}.\n")
+        parts.append(
+            f"Policies were run by {len(codes)} versions of the code: {', '.join(sorted(codes))}.\n"
+        )
     parts += ["## Success\n", _success_table(largest)]
     if any(names.get(row.label) in ABLATED[1:] and row.link == "none" for row in largest):
         ablated = [row for row in largest if names.get(row.label) in ABLATED]

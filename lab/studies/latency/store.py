@@ -8,7 +8,7 @@ trials.csv, summary.csv, workload.csv, summary.json, latency.png      the report
 """
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -86,12 +86,24 @@ class StudyStore:
         return self._file(HUMAN).read()
 
     def add(self, trial: StudyTrial) -> None:
-        """Append a trial; it is on the disk when this returns.
+        """Append a trial of the synthetic operator; it is on the disk when this returns.
 
         Raises:
             LabError: it cannot be written.
         """
-        self._file(TRIALS if trial.operator == "synthetic" else HUMAN).append(trial)
+        self._file(TRIALS).append(trial)
+
+    @contextmanager
+    def adding(self) -> Iterator[Callable[[StudyTrial], None]]:
+        """Yield a function that appends a person's trial, while no other process can add any.
+
+        What is there already has to be looked up in this block.
+
+        Raises:
+            LabError: as for :meth:`add`.
+        """
+        with self._file(HUMAN).appending() as append:
+            yield append
 
     def _file(self, name: str) -> JsonLines[StudyTrial]:
         return JsonLines(self.root / name, StudyTrial)

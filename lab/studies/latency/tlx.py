@@ -22,7 +22,7 @@ from pydantic import (
 
 from lab.errors import LatencyStudyError
 from lab.studies.latency.record import Record
-from lab.trials.folder import disk_errors, read_model, write_model
+from lab.trials.folder import locked_folder, read_model, write_model
 
 Scale = Literal["mental", "physical", "temporal", "performance", "effort", "frustration"]
 PSEUDONYM = r"^[A-Za-z0-9][A-Za-z0-9_-]{0,39}$"
@@ -136,11 +136,10 @@ def write_sheet(folder: Path, sheet: AnswerSheet) -> Path:
     words = (sheet.participant, sheet.task, sheet.condition, stamp)
     name = "_".join(re.sub(r"[^A-Za-z0-9.-]+", "-", word) for word in words)
     path = folder / f"{name}.json"
-    if path.exists():
-        raise LatencyStudyError(f"{path} is there already; a sheet is never replaced")
-    with disk_errors(folder, LatencyStudyError):
-        folder.mkdir(parents=True, exist_ok=True)
-    write_model(path, sheet, LatencyStudyError)
+    with locked_folder(folder, LatencyStudyError):
+        if path.exists():
+            raise LatencyStudyError(f"{path} is there already; a sheet is never replaced")
+        write_model(path, sheet, LatencyStudyError)
     return path
 
 

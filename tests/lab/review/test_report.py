@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from mcap.writer import Writer
 
 from common.schemas import Gait, Header
 from common.topics import TELEOP_GAIT
@@ -16,6 +17,7 @@ from services.logger.errors import LoggerError
 from services.logger.log_format import DELIVERY_METADATA
 from services.logger.read.delivery import DeliveryStats
 from services.logger.read.info import read_info
+from services.logger.read.locks import locked
 from services.logger.read.segments import next_segment
 from services.logger.record.config import LoggerConfig
 from services.logger.record.recorder import Recorder
@@ -79,6 +81,33 @@ def test_a_truncated_log_is_summed_up_and_reported_as_truncated(tmp_path: Path) 
     assert "truncated" in report_lines(summary)[-1]
     with pytest.raises(LoggerError, match="cannot open"):
         write_summary(tmp_path / "none" / "log.mcap", Verdict("completed"), {})
+
+
+def test_a_log_that_is_being_recorded_is_not_called_truncated(tmp_path: Path) -> None:
+    recorded(tmp_path)
+    log = tmp_path / "log.mcap"
+    log.write_bytes(log.read_bytes()[:-100])
+    with locked(log):
+        summary = write_summary(log, Verdict("unknown"), {})
+    assert not summary.log_truncated
+    assert "still being recorded" in report_lines(summary)[-1]
+
+
+@pytest.mark.parametrize("count", [0, 3])
+def test_the_log_of_something_else_has_no_report(tmp_path: Path, count: int) -> None:
+    log = tmp_path / "log.mcap"
+    with log.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/chatter", "cdr", 0)
+        for number in range(count):
+            writer.add_message(channel, number, b"hello", number)
+        writer.finish()
+    with pytest.raises(LabError, match=r"log\.mcap holds no message of this project.*trill info"):
+        write_summary(log, Verdict("unknown"), {})
+    assert not (tmp_path / "summary.json").exists()
+    # What is known of a run is kept, though nothing was recorded.
+    assert write_summary(log, Verdict("interrupted", "why"), {}).reason == "why"
 
 
 def test_an_empty_log_has_a_report_too() -> None:

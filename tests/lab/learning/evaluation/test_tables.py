@@ -8,7 +8,7 @@ import pytest
 from lab.cli.main import main
 from lab.learning.evaluation.paper import PAPER
 from lab.trials.operators.specs import StillPictures
-from lab.trials.results import TrialFile
+from lab.trials.results import TrialFile, trial_code
 from lab.trials.spec import TrialSpec
 from tests.lab.learning.evaluation.support import invented, result, trial
 
@@ -43,6 +43,7 @@ def test_the_tables_stand_beside_the_papers(
     assert main(["study", "policies", str(files), "--out", str(out)]) == 0
     text = (out / "policies.md").read_text()
     assert text in capsys.readouterr().out
+    assert "versions of the code" not in text
     success, _, rest = text.partition("## Ablations")
     ablations, _, everything = rest.partition("## All rows")
     columns = ["operator (synthetic, practised)", "trill", "trill, monoscopic"]
@@ -71,6 +72,18 @@ def test_several_trainings_of_one_policy_are_pooled_and_said(
     words = ["study", "policies", str(tmp_path / "a.jsonl"), "--out", str(tmp_path)]
     assert main(words) == 0
     assert "n: 2 of 2 checkpoints" in capsys.readouterr().out
+
+
+def test_trials_of_several_versions_of_the_code_are_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = TrialFile(tmp_path / "a.jsonl")
+    kept.add(trial(invented("trill"), 0), result(0))
+    other = trial_code(invented("trill")).model_copy(update={"source": "f" * 64})
+    monkeypatch.setattr("lab.trials.results.trial_code", lambda _operator: other)
+    kept.add(trial(invented("trill"), 1), result(1))
+    assert main(["study", "policies", str(tmp_path), "--out", str(tmp_path)]) == 0
+    assert "run by 2 versions of the code" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("name", ["nowhere", "nowhere.jsonl"])

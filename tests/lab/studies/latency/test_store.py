@@ -149,7 +149,8 @@ def test_only_one_writes(tmp_path: Path) -> None:
 
 def test_persons_have_a_file_of_their_own(tmp_path: Path) -> None:
     store = StudyStore(tmp_path)
-    store.add(trial(operator="human", participant="P01"))
+    with store.adding() as add:
+        add(trial(operator="human", participant="P01"))
     assert store.trials() == []
     assert [t.participant for t in store.human_trials()] == ["P01"]
 

@@ -1,5 +1,8 @@
 """Real trials: run by the command, and read back from a log."""
 
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -136,6 +139,29 @@ def test_a_persons_log_is_taken_in_once(
     store = StudyStore(Path(root))
     assert [trial.key for trial in store.human_trials()] == [("P01", UNLOCK, "latency-250", 0)]
     assert store.trials() == []
+
+
+def test_a_log_that_two_commands_add_at_once_is_taken_in_once(log: Path, tmp_path: Path) -> None:
+    root = str(tmp_path / "study")
+    assert main(["study", "latency", "--episodes", "0", "--out", root]) == 0
+    words = ["study", "add", str(log), "--condition", "latency-250", "--participant", "P01"]
+    command = [sys.executable, "-m", "lab.cli", *words, "--out", root]
+    store = StudyStore(Path(root))
+    # Nothing can be written until both have come as far as they can.
+    with store.adding():
+        both = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+        while not {one.pid for one in both} <= _waiting_for_locks():
+            assert all(one.poll() is None for one in both)
+            time.sleep(0.05)
+    told = "".join(one.communicate()[0] for one in both)
+    assert told.count("success at") == told.count("there already") == 1
+    assert len(store.human_trials()) == 1
+
+
+def _waiting_for_locks() -> set[int]:
+    """The processes that wait for a lock on a file."""
+    lines = Path("/proc/locks").read_text().splitlines()
+    return {int(line.split()[5]) for line in lines if "->" in line}
 
 
 def test_a_log_of_another_condition_is_refused(
