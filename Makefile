@@ -6,15 +6,18 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
 
-.PHONY: help demo drive top test suite study tasks links faults fuzz loaders mutants bench compare docs lint \
+.PHONY: help demo demo-policy drive top test suite study tasks links faults fuzz loaders mutants bench compare docs lint \
 	setup clean
 
 help: ## list the targets
 	@echo "make <target> [ARGS='...']    ARGS go to the command, e.g. make demo ARGS='--no-video'"
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10 | sed 's/^/  /'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14 | sed 's/^/  /'
 
 demo: $(STAMP) ## run the whole system by a script; log, summary and pictures go to runs/
 	$(BIN)/trill demo $(ARGS)
+
+demo-policy: $(STAMP) ## run a learned policy on door/unlock, live; log, summary and pictures go to runs/
+	$(BIN)/trill demo --policy policies/door-unlock $(ARGS)
 
 drive: $(STAMP) ## drive the same robot from your keyboard
 	$(BIN)/trill drive $(ARGS)
@@ -67,7 +70,8 @@ lint: $(STAMP) ## check style, types and the import rules
 
 setup: $(STAMP) ## create .venv and install the packages, without running anything
 
-clean: ## delete .venv and caches; runs/ stays
+clean: ## delete .venv, compiled kernels and caches; runs/ stays
+	find common services -name '*.abi3.so' -delete
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .import_linter_cache
 
 $(STAMP): pyproject.toml deploy/setup.sh

@@ -2,7 +2,8 @@
 
 The solvers take turns, two gaits each, in closed loop with the simulated plant, so that noise of
 the machine hits all alike and every tick starts with caches as cold as in service. Garbage
-collection is off while they walk, as in the live service.
+collection is off while they walk, as in the live service. Compiled kernels solve the QP whatever
+the solver is called: to compare the solvers, set TRILL_NATIVE=0.
 Run it with ``make bench`` or ``python benchmarks/bench_wbc.py``.
 """
 

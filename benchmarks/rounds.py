@@ -116,24 +116,42 @@ def _result(process: "subprocess.Popen[bytes]", folder: Path) -> dict[str, float
     return result
 
 
+_TREE = """
+import common
+print(common.__file__)
+try:
+    from common.native import kernels
+except ImportError:  # of a version that has none
+    raise SystemExit
+print(*(name for name, is_used in kernels().items() if not is_used), sep=", ")
+"""
+"""Prints where a build's packages are, and which of its kernels are not in use."""
+
+
 def check_tree(build: Build) -> None:
-    """Check that a build's own sources are what runs.
+    """Check that a build's own sources are what runs, with all of its compiled kernels or none.
 
     Raises:
         ConfigError: they are not.
     """
-    code = "import common; print(common.__file__)"
     done = subprocess.run(
-        [sys.executable, "-P", "-c", code],
+        [sys.executable, "-P", "-c", _TREE],
         env=build.environment,
         capture_output=True,
         text=True,
         check=False,
     )
-    if not Path(done.stdout.strip()).is_relative_to(build.root):
+    file, _, missing = done.stdout.strip().partition("\n")
+    if not Path(file).is_relative_to(build.root):
         raise ConfigError(
             f"expected the packages of {build.root} to be imported, got "
             f"{(done.stdout or done.stderr).strip()}"
+        )
+    if missing and os.environ.get("TRILL_NATIVE") != "0":
+        raise ConfigError(
+            f"expected the compiled kernels of {build.root}, but {missing} is not built from its "
+            "present source: run `python hatch_build.py` there, or set TRILL_NATIVE=0 to compare "
+            "without any"
         )
 
 

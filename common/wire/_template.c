@@ -35,7 +35,8 @@ typedef struct {
 } Made;
 
 typedef struct {
-    PyObject *around; /* tuple of bytes, one more than holes */
+    PyObject *arguments; /* keeps every other object alive */
+    PyObject *around;    /* tuple of bytes, one more than holes */
     Py_ssize_t size, block_size, holes_count, arrays_count;
     Hole *holes;
     Array *arrays;
@@ -43,8 +44,8 @@ typedef struct {
     PyObject *check_numbers, *refusal; /* a function or None; its exception */
     PyObject *frombuffer, *dtype;
     double tolerance;
-    PyObject *slots[SLOTS]; /* names of a model's slots, as in builder.py */
     PyObject *text_header, *text_injected, *text_reshape;
+    PyObject *slots[SLOTS]; /* names of a model's slots, as in builder.py */
 } Template;
 
 static void free_template(PyObject *capsule)
@@ -52,31 +53,9 @@ static void free_template(PyObject *capsule)
     Template *t = PyCapsule_GetPointer(capsule, NAME);
     if (t == NULL)
         return;
-    for (Py_ssize_t i = 0; i < t->holes_count; i++)
-        Py_XDECREF(t->holes[i].name);
-    for (Py_ssize_t i = 0; i < t->arrays_count; i++) {
-        Py_XDECREF(t->arrays[i].name);
-        Py_XDECREF(t->arrays[i].slice);
-        Py_XDECREF(t->arrays[i].shape);
-    }
     PyMem_Free(t->holes);
     PyMem_Free(t->arrays);
-    Py_XDECREF(t->around);
-    for (int i = 0; i < 2; i++) {
-        Made *made = i ? &t->message : &t->header;
-        Py_XDECREF((PyObject *)made->type);
-        Py_XDECREF(made->fields_set);
-        Py_XDECREF(made->values);
-    }
-    Py_XDECREF(t->check_numbers);
-    Py_XDECREF(t->refusal);
-    Py_XDECREF(t->frombuffer);
-    Py_XDECREF(t->dtype);
-    for (int i = 0; i < SLOTS; i++)
-        Py_XDECREF(t->slots[i]);
-    Py_XDECREF(t->text_header);
-    Py_XDECREF(t->text_injected);
-    Py_XDECREF(t->text_reshape);
+    Py_DECREF(t->arguments);
     PyMem_Free(t);
 }
 
@@ -266,116 +245,81 @@ static PyObject *read_message(PyObject *module, PyObject *args)
 
 static int set_made(Made *made, PyObject *triple)
 {
-    PyObject *type, *fields_set, *values;
-    if (!PyArg_ParseTuple(triple, "O!O!O!", &PyType_Type, &type, &PySet_Type, &fields_set,
-                          &PyDict_Type, &values))
-        return -1;
-    made->type = (PyTypeObject *)Py_NewRef(type);
-    made->fields_set = Py_NewRef(fields_set);
-    made->values = Py_NewRef(values);
-    return 0;
+    return PyArg_ParseTuple(triple, "O!O!O!", &PyType_Type, &made->type, &PySet_Type,
+                            &made->fields_set, &PyDict_Type, &made->values);
 }
 
 static int set_arrays(Template *t, PyObject *arrays)
 {
-    Py_ssize_t start = 0;
-    t->arrays = PyMem_Calloc((size_t)PyTuple_Size(arrays) + 1, sizeof *t->arrays);
+    const Py_ssize_t count = PyTuple_Size(arrays);
+    t->arrays = PyMem_Calloc((size_t)count + 1, sizeof *t->arrays);
     if (t->arrays == NULL)
-        return -1;
-    for (Py_ssize_t i = 0; i < PyTuple_Size(arrays); i++) {
-        Array *array = &t->arrays[i];
-        PyObject *name, *slice, *shape;
-        if (!PyArg_ParseTuple(PyTuple_GetItem(arrays, i), "UOOnp", &name, &slice, &shape,
-                              &array->count, &array->unit))
-            return -1;
-        array->name = Py_NewRef(name);
-        array->slice = Py_NewRef(slice);
-        array->shape = Py_NewRef(shape);
-        array->start = start;
-        start += array->count;
-        t->arrays_count++;
+        return 0;
+    for (Array *array = t->arrays; array < t->arrays + count; array++) {
+        array->start = t->block_size / 8;
+        if (!PyArg_ParseTuple(PyTuple_GetItem(arrays, array - t->arrays), "UOOnp", &array->name,
+                              &array->slice, &array->shape, &array->count, &array->unit))
+            return 0;
+        t->block_size += 8 * array->count;
     }
-    t->block_size = 8 * start;
-    return 0;
+    t->arrays_count = count;
+    return 1;
 }
 
 static int set_holes(Template *t, PyObject *holes)
 {
     const Py_ssize_t count = PyTuple_Size(holes);
-    if (PyTuple_Size(t->around) != count + 1) {
-        PyErr_SetString(PyExc_ValueError, "expected one run of bytes more than holes");
-        return -1;
-    }
     t->holes = PyMem_Calloc((size_t)count + 1, sizeof *t->holes);
     if (t->holes == NULL)
-        return -1;
-    for (Py_ssize_t i = 0; i < count; i++) {
-        Hole *hole = &t->holes[i];
-        PyObject *name;
-        int kind;
-        if (!PyArg_ParseTuple(PyTuple_GetItem(holes, i), "CnnU", &kind, &hole->size, &hole->to,
-                              &name))
-            return -1;
-        if (kind == 's' && (hole->to < 0 || hole->to + hole->size > t->block_size)) {
-            PyErr_SetString(PyExc_ValueError, "an array lies outside the block");
-            return -1;
+        return 0;
+    for (Hole *hole = t->holes; hole < t->holes + count; hole++) {
+        if (!PyArg_ParseTuple(PyTuple_GetItem(holes, hole - t->holes), "CnnU", &hole->kind,
+                              &hole->size, &hole->to, &hole->name))
+            return 0;
+        const int lies_inside = hole->to >= 0 && hole->to + hole->size <= t->block_size;
+        const int is_number = hole->kind == 'd' || hole->kind == 'n';
+        if ((hole->kind == 's' && !lies_inside) || hole->size < 0 ||
+            (is_number && t->check_numbers == Py_None)) {
+            PyErr_Format(PyExc_ValueError, "%U: a hole that cannot be read", hole->name);
+            return 0;
         }
-        if ((kind == 'd' || kind == 'n') && t->check_numbers == Py_None) {
-            PyErr_SetString(PyExc_ValueError, "numbers need a function that validates them");
-            return -1;
-        }
-        hole->kind = (char)kind;
-        hole->name = Py_NewRef(name);
-        t->holes_count++;
         t->size += hole->size;
     }
-    for (Py_ssize_t i = 0; i <= count; i++)
-        t->size += PyBytes_Size(PyTuple_GetItem(t->around, i));
-    return PyErr_Occurred() ? -1 : 0;
-}
-
-static int set_texts(Template *t)
-{
-    static const char *slots[SLOTS] = {"__dict__", "__pydantic_fields_set__",
-                                       "__pydantic_extra__", "__pydantic_private__"};
-    for (int i = 0; i < SLOTS; i++)
-        if ((t->slots[i] = PyUnicode_InternFromString(slots[i])) == NULL)
-            return -1;
-    t->text_header = PyUnicode_InternFromString("header");
-    t->text_injected = PyUnicode_InternFromString("injected");
-    t->text_reshape = PyUnicode_InternFromString("reshape");
-    return t->text_header && t->text_injected && t->text_reshape ? 0 : -1;
+    t->holes_count = count;
+    for (Py_ssize_t i = 0; i <= count; i++) {
+        PyObject *run = PyTuple_GetItem(t->around, i);
+        if (run == NULL || PyBytes_Size(run) < 0)
+            return 0;
+        t->size += PyBytes_Size(run);
+    }
+    return 1;
 }
 
 static PyObject *prepare(PyObject *module, PyObject *args)
 {
-    PyObject *around, *holes, *arrays, *header, *message, *check, *refusal, *frombuffer, *dtype;
-    double tolerance;
+    PyObject *holes, *arrays, *header, *message;
     (void)module;
-    if (!PyArg_ParseTuple(args, "O!O!O!O!O!OOOOd", &PyTuple_Type, &around, &PyTuple_Type, &holes,
-                          &PyTuple_Type, &arrays, &PyTuple_Type, &header, &PyTuple_Type, &message,
-                          &check, &refusal, &frombuffer, &dtype, &tolerance))
-        return NULL;
     Template *t = PyMem_Calloc(1, sizeof *t);
     if (t == NULL)
         return PyErr_NoMemory();
+    t->arguments = Py_NewRef(args);
     PyObject *capsule = PyCapsule_New(t, NAME, free_template);
     if (capsule == NULL) {
+        Py_DECREF(args);
         PyMem_Free(t);
         return NULL;
     }
-    t->around = Py_NewRef(around);
-    t->check_numbers = Py_NewRef(check);
-    t->refusal = Py_NewRef(refusal);
-    t->frombuffer = Py_NewRef(frombuffer);
-    t->dtype = Py_NewRef(dtype);
-    t->tolerance = tolerance;
-    if (set_texts(t) < 0 || set_made(&t->header, header) < 0 ||
-        set_made(&t->message, message) < 0 || set_arrays(t, arrays) < 0 || set_holes(t, holes) < 0) {
-        Py_DECREF(capsule);
-        return NULL;
-    }
-    return capsule;
+    if (PyArg_ParseTuple(args, "O!O!O!O!O!OOOOd(UUU)(UUUU)", &PyTuple_Type, &t->around,
+                         &PyTuple_Type, &holes, &PyTuple_Type, &arrays, &PyTuple_Type, &header,
+                         &PyTuple_Type, &message, &t->check_numbers, &t->refusal, &t->frombuffer,
+                         &t->dtype, &t->tolerance, &t->text_header, &t->text_injected,
+                         &t->text_reshape, &t->slots[0], &t->slots[1], &t->slots[2],
+                         &t->slots[3]) &&
+        set_made(&t->header, header) && set_made(&t->message, message) && set_arrays(t, arrays) &&
+        set_holes(t, holes))
+        return capsule;
+    Py_DECREF(capsule);
+    return PyErr_Occurred() ? NULL : PyErr_NoMemory();
 }
 
 static PyMethodDef methods[] = {

@@ -21,6 +21,8 @@ def prepare(
     frombuffer: Any,
     dtype: np.dtype[np.float64],
     tolerance: float,
+    texts: tuple[str, str, str],
+    slots: tuple[str, str, str, str],
     /,
 ) -> Prepared: ...
 def read(prepared: Prepared, payload: bytes, injected_ns: int, /) -> Message | None: ...

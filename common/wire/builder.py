@@ -17,16 +17,12 @@ from common.wire.schema import array_spec
 
 B = TypeVar("B", bound=BaseModel)
 
+SLOTS = ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
+"""What every model consists of."""
 _set_values, _set_fields_set, _set_extra, _set_private = (
-    BaseModel.__dict__[slot].__set__
-    for slot in (
-        "__dict__",
-        "__pydantic_fields_set__",
-        "__pydantic_extra__",
-        "__pydantic_private__",
-    )
+    BaseModel.__dict__[slot].__set__ for slot in SLOTS
 )
-"""Setters of the slots of every model, which a frozen one refuses to set by name."""
+"""Setters of these, which a frozen model refuses to set by name."""
 
 
 def message_builder(schema: type[Message]) -> Callable[[dict[str, Any]], Message]:

@@ -23,7 +23,7 @@ from common.native import kernel
 from common.schemas import Header, Message
 from common.schemas.arrays import UNIT_TOLERANCE
 from common.wire.arrays import FLOAT64, ArrayLayout, checked_views, getter
-from common.wire.builder import assembler, fields_validator
+from common.wire.builder import SLOTS, assembler, fields_validator
 
 _PLAIN = (bool, int, float, str)
 """Types of the values that messages may share: nobody can change them."""
@@ -132,6 +132,8 @@ class Template:
             np.frombuffer,
             FLOAT64,
             UNIT_TOLERANCE,
+            ("header", "injected", "reshape"),
+            SLOTS,
         )
         return partial(_template.read, prepared)
 

@@ -129,7 +129,9 @@ def _trials(arguments: argparse.Namespace) -> tuple[list["TrialSpec"], Path]:
     from services.sim.errors import TaskError
     from services.sim.tasks import find_task
 
-    description = describe(arguments.checkpoint)
+    # A training that goes on moves its link to the best checkpoint.
+    checkpoint = arguments.checkpoint.resolve()
+    description = describe(checkpoint)
     task = arguments.task or description.manifest.origin.task
     if not task:
         raise ConfigError(
@@ -140,7 +142,7 @@ def _trials(arguments: argparse.Namespace) -> tuple[list["TrialSpec"], Path]:
     except TaskError as error:
         raise ConfigError(f"--task: {error}") from error
     serving = serving_options(arguments.serve)
-    spec = policy_spec(arguments.checkpoint, description, serving, arguments.label)
+    spec = policy_spec(checkpoint, description, serving, arguments.label)
     name = f"{task.replace('/', '-')}-{description.digest[:12]}"
     out = arguments.out or ROOT / f"{name}.jsonl"
     settings = options.robot_settings(arguments) | {

@@ -14,6 +14,7 @@ from lab.cli.commands import Action
 if TYPE_CHECKING:
     from deploy.launch import RunResult
     from deploy.process import ProcessSpec
+    from services.policy.checkpoint.manifest import Manifest
 
 DEMO = """Start the whole system and watch it in a live table until the operator's script ends.
 Plant, cameras, whole-body controller, scripted operator and logger are separate processes that talk
@@ -23,6 +24,8 @@ both grippers. Then everything is stopped, and the log is summed up in a report 
 With --task, the synthetic operator does a scored task in the task's scene. It acts through the same
 device-level input as a person's headset and sees the robot through the same feedback link. The run
 ends when the judge in the plant has given its verdict.
+
+With --policy, a policy that has learned the task does it, from what the cameras show.
 
 The exit code is 0 if the script was played to its end or the task was a success. Otherwise it is 1
 and the reason is printed: partial success or failure of the task, a fall of the robot, the end of a
@@ -35,6 +38,7 @@ DEMO_EXAMPLES = """examples:
   trill demo --seconds 20             ends after 20 seconds
   trill demo --task door/unlock --seed 7                does a scored task; see: trill tasks
   trill demo --task door/push --latency both=250ms      does it with a delayed robot
+  trill demo --policy policies/door-unlock              a learned policy does its task
 """
 DRIVE = """Start the robot (plant, cameras, whole-body controller, logger) and control its hands,
 grippers, neck and gaits with the keys of this terminal. The screen shows the keys, also the one to
@@ -108,6 +112,12 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
         "(default: demo; none with --task)",
     )
     parser.add_argument(
+        "--policy",
+        type=Path,
+        metavar="CHECKPOINT",
+        help="folder of a policy, which does the task (default: the one it has learned)",
+    )
+    parser.add_argument(
         "--seconds", type=float, help="end this long after the controller was first heard [s]"
     )
     parser.add_argument(
@@ -152,10 +162,13 @@ def _links_of(task: str) -> dict[str, str]:
 def _demo(arguments: argparse.Namespace) -> int:
     from lab.live.demo import DemoOptions, run_demo
 
+    if arguments.policy is not None:
+        _prepare_policy(arguments)
     ended = run_demo(
         DemoOptions(
             system=_system_options(arguments, restart=False),
             script=arguments.script,
+            policy=arguments.policy,
             seconds=arguments.seconds,
             timeout=arguments.timeout,
             base_port=arguments.base_port,
@@ -192,6 +205,41 @@ def _up_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _prepare_policy(arguments: argparse.Namespace) -> None:
+    """Check a policy's options before anything is started, and give it the task that it knows.
+
+    Raises:
+        ConfigError: options contradict each other, or no task is known.
+        CheckpointError: the checkpoint cannot be served.
+    """
+    if arguments.script is not None:
+        raise ConfigError("expected one operator; give --policy or --script, not both")
+    manifest = _checkpoint(arguments)
+    arguments.policy = arguments.policy.resolve()
+    arguments.task = arguments.task or manifest.origin.task
+    if not arguments.task:
+        raise ConfigError(f"{arguments.policy} does not say what it has learned; give --task")
+
+
+def _checkpoint(arguments: argparse.Namespace) -> "Manifest":
+    """Return the manifest of the policy that is to be started.
+
+    Raises:
+        ConfigError: it sees, and there are to be no cameras.
+        CheckpointError: the checkpoint cannot be served.
+    """
+    from services.policy.checkpoint.manifest import describe
+
+    manifest = describe(arguments.policy).manifest
+    cameras = manifest.interface.cameras
+    if cameras and arguments.no_cameras:
+        raise ConfigError(
+            f"{arguments.policy} sees through the {' and '.join(cameras)} camera; expected the "
+            "cameras to run: leave out --no-cameras"
+        )
+    return manifest
+
+
 def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
     """Return the policy to start, if one is wanted.
 
@@ -200,19 +248,13 @@ def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
         CheckpointError: the checkpoint cannot be served.
     """
     from deploy.system import policy_process
-    from services.policy.checkpoint.manifest import describe
 
     if arguments.policy is None:
         if arguments.remote:
             raise ConfigError("--remote says where a policy computes; give --policy too")
         return []
     # Before anything is started.
-    cameras = describe(arguments.policy).manifest.interface.cameras
-    if cameras and arguments.no_cameras:
-        raise ConfigError(
-            f"{arguments.policy} sees through the {' and '.join(cameras)} camera; expected the "
-            "cameras to run: leave out --no-cameras"
-        )
+    _checkpoint(arguments)
     return [policy_process(arguments.policy.resolve(), remote=arguments.remote)]
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,6 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     import torch
 
+    from lab.learning.training.folder import BEST, LAST
     from lab.learning.training.train import Job, train
 
     torch.set_num_threads(arguments.threads)
@@ -131,9 +133,14 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     task = arguments.task.replace("/", "-")
     chosen = (arguments.policy, arguments.profile, arguments.recipe, arguments.inputs)
     out = arguments.out or POLICIES / "-".join((task, *chosen))
-    done = train(Job(arguments.task, arguments.data or DATASETS / task, out, recipe, device))
+    try:
+        done = train(Job(arguments.task, arguments.data or DATASETS / task, out, recipe, device))
+    except KeyboardInterrupt:
+        print(f"\nstopped; {out} is kept: the same command continues it", file=sys.stderr)
+        raise
     print(f"{out}: {done.step} steps; least loss on held-out episodes at step {done.best_step}")
-    print(f"evaluate {out / 'last'}, and {out / 'best'} if that is another")
+    for name in (LAST, BEST)[: 1 + (done.best_step != done.step)]:
+        print(f"evaluate it: trill eval {out / name}")
     return 0
 
 

@@ -1,12 +1,13 @@
-"""Run the whole system with a scripted or synthetic operator until script or task is over."""
+"""Run the whole system with an operator that is no person, until script or task is over."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 from common.schemas import GuardMode
 from deploy.launch import RunResult, Verdict, running_system
 from deploy.process import Exit, ProcessSpec
-from deploy.system import OPERATOR, SystemOptions, operator_process
+from deploy.system import OPERATOR, SystemOptions, operator_process, policy_process
 from lab.live.loop import show_until_verdict
 from lab.live.task_judge import TaskJudge
 from lab.monitor.bus_stats import Snapshot
@@ -28,6 +29,7 @@ class DemoOptions:
         system: options of the robot's side.
         script: built-in name or JSON file of the operator's script; None for the synthetic
             operator if the system has a task, and for :data:`DEMONSTRATION` if not.
+        policy: checkpoint that does the system's task in place of the synthetic operator.
         seconds: end after this time from the controller's first message [s]: a script counts as
             completed then, a task as timed out. None: go on to the end.
         timeout: give up after this time from the start [s].
@@ -37,6 +39,7 @@ class DemoOptions:
 
     system: SystemOptions = field(default_factory=SystemOptions)
     script: str | None = None
+    policy: Path | None = None
     seconds: float | None = None
     timeout: float = 600.0
     base_port: int | None = None
@@ -130,6 +133,10 @@ def _operator_and_judge(options: DemoOptions) -> tuple[ProcessSpec, ScriptJudge 
         ConfigError: there is no such script.
     """
     task, limits = options.system.task, (OPERATOR, options.seconds, options.timeout)
+    if options.policy is not None:
+        # A policy that fails is to be seen, not to be started again.
+        policy = replace(policy_process(options.policy), restart=False)
+        return policy, TaskJudge(policy.name, *limits[1:])
     if task is not None and options.script is None:
         seed = str(options.system.seed or 0)
         operator = operator_process("synthetic", "--task", task, "--seed", seed, "--stay")

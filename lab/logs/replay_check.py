@@ -32,6 +32,7 @@ SERVICES: Mapping[str, str] = {
     "wbc": "services.wbc.service:WbcService",
     "teleop": "services.teleop.scripted.service:ScriptedOperator",
     "cameras": "services.sim.rendering.cameras:CameraService",
+    "policy": "services.policy.service:PolicyOperator",
 }
 """Services that can be replayed, and where their classes are."""
 SYNTHETIC = "services.teleop.synthetic.service:SyntheticOperator"

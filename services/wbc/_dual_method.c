@@ -220,14 +220,12 @@ static int add(const Qp *qp, Work *w, int row, double side)
 }
 
 /* Returns the row that is violated most, with its side; -1 if each holds. */
-static int worst(const Qp *qp, const Work *w, const double *x, double *side, int binding_too)
+static int worst(const Qp *qp, const double *x, double *side)
 {
     const int hard = qp->hard_variables;
     double most = qp->tolerance;
     int found = -1;
     for (int row = 0; row < qp->rows + qp->soft; row++) {
-        if (w->binds[row] && !binding_too)
-            continue;
         double below, above = -INFINITY;
         if (row < qp->rows) {
             double value = dot(&qp->A[row * hard], x, hard);
@@ -245,33 +243,6 @@ static int worst(const Qp *qp, const Work *w, const double *x, double *side, int
         }
     }
     return found;
-}
-
-/* One step of iterative refinement of x with the rows that bind. */
-static void refine(const Qp *qp, Work *w, double *x)
-{
-    const int n = qp->variables, hard = qp->hard_variables;
-    double gradient[MOST_VARIABLES], row[MOST_VARIABLES], missing[MOST_VARIABLES];
-    double shares[MOST_VARIABLES];
-    for (int i = 0; i < n; i++)
-        gradient[i] = i < qp->dense ? -qp->q[i] - dot(&qp->P[i * hard], x, qp->dense)
-                      : i < hard    ? -qp->q[i] - qp->P[i * (hard + 1)] * x[i]
-                                    : -qp->slack_weight * x[i];
-    for (int k = 0; k < w->count; k++) {
-        const Binding *b = &w->binding[k];
-        missing[k] = normal(qp, b->row, b->side, row);
-        missing[k] -= dot(row, x, n);
-        add_multiple(gradient, b->multiplier, row, n);
-    }
-    forward(qp, w, gradient);
-    project(w, gradient, shares, n);
-    for (int k = 0; k < w->count; k++) {
-        double share = (missing[k] - dot(w->R[k], missing, k)) / w->R[k][k];
-        missing[k] = share;
-        add_multiple(gradient, share, w->Q[k], n);
-    }
-    backward(qp, w, gradient);
-    add_multiple(x, 1.0, gradient, n);
 }
 
 /* Writes x and returns how many inequalities bind; -1 if there is no solution or none was found. */
@@ -292,12 +263,11 @@ static int minimise(const Qp *qp, Work *w, double *x)
     for (int step = 0; step < MOST_STEPS; step++) {
         memcpy(x, w->y, n * sizeof(double));
         backward(qp, w, x);
-        int row = worst(qp, w, x, &side, 0);
-        if (row < 0) {
-            refine(qp, w, x);
-            return worst(qp, w, x, &side, 1) < 0 ? w->count - qp->equalities : -1;
-        }
-        if (w->count == n || !add(qp, w, row, side))
+        int row = worst(qp, x, &side);
+        if (row < 0)
+            return w->count - qp->equalities;
+        /* A row that binds and does not hold is beyond what the numbers can tell. */
+        if (w->binds[row] || w->count == n || !add(qp, w, row, side))
             return -1;
     }
     return -1;

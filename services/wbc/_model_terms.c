@@ -75,52 +75,48 @@ static void whole_body(const Model *m, const Terms *t)
     }
 }
 
-/* Pose of a frame, its Jacobian and Jdot v: of a foot in world, of a hand in the base. */
-static void frame(const Model *m, const double *v, int index, const Terms *t)
+/* Adds a joint's column to the Jacobian of a foot in world and in its own frame, or of a hand in the
+ * base. */
+static void add_column(const Model *m, int index, int k, const double *point, const Terms *t)
 {
     const Limb *limb = &m->limbs[index];
-    const double *base = m->rotation;
-    double point[3], velocity[6] = {0.0}, acceleration[6] = {0.0}, a[3], b[3];
-    double *jacobian = &t->jacobian[(FIRST_FRAME + 6 * index) * NV];
-    turn(limb->rotation, limb->offset, point, 0);
-    for (int i = 0; i < 3; i++)
-        point[i] += limb->position[i];
-    for (int k = 0; k < limb->count; k++) {
-        const double *J = &m->J[6 * limb->columns[k]], rate = v[limb->velocities[k]];
-        double column[6];
-        cross(&J[3], point, column);
-        for (int i = 0; i < 3; i++) {
-            column[i] += J[i];
-            column[3 + i] = J[3 + i];
-        }
-        for (int part = 0; part < 6; part += 3) {
-            double *out = &jacobian[part * NV + limb->velocities[k]], *c = &column[part];
-            if (limb->floating) {
-                double *sole = &t->soles[((index - HANDS) * 6 + part) * NV + limb->velocities[k]];
-                turn(limb->rotation, c, a, 1);
-                for (int i = 0; i < 3; i++)
-                    sole[i * NV] += a[i];
-            } else {
-                turn(base, c, a, 1);
-                c = a;
-            }
-            for (int i = 0; i < 3; i++)
-                out[i * NV] += c[i];
-        }
-        /* The axes of the base move with it, so that they add nothing; the others with the limb. */
-        if (!limb->floating || k >= 6) {
-            cross(&velocity[3], J, a);
-            cross(velocity, &J[3], b);
-            for (int i = 0; i < 3; i++)
-                acceleration[i] += rate * (a[i] + b[i]);
-            cross(&velocity[3], &J[3], a);
-            for (int i = 0; i < 3; i++)
-                acceleration[3 + i] += rate * a[i];
-        }
-        for (int i = 0; i < 6; i++)
-            velocity[i] += rate * J[i];
+    const double *J = &m->J[6 * limb->columns[k]];
+    const int at = limb->velocities[k];
+    double *jacobian = &t->jacobian[(FIRST_FRAME + 6 * index) * NV + at];
+    double parts[2][3], turned[3];
+    cross(&J[3], point, parts[0]);
+    for (int i = 0; i < 3; i++) {
+        parts[0][i] += J[i];
+        parts[1][i] = J[3 + i];
     }
-    /* From the world's origin to the point, whose velocity turns too. */
+    for (int part = 0; part < 2; part++) {
+        turn(limb->floating ? limb->rotation : m->rotation, parts[part], turned, 1);
+        for (int i = 0; i < 3; i++) {
+            const int row = (3 * part + i) * NV;
+            jacobian[row] += limb->floating ? parts[part][i] : turned[i];
+            if (limb->floating)
+                t->soles[(index - HANDS) * 6 * NV + row + at] += turned[i];
+        }
+    }
+}
+
+/* Moves the frame's velocity and Jdot v, both at the world's origin, on by one joint. */
+static void add_joint(const double *J, double rate, double *velocity, double *acceleration)
+{
+    double a[3], b[3];
+    cross(&velocity[3], J, a);
+    cross(velocity, &J[3], b);
+    for (int i = 0; i < 3; i++)
+        acceleration[i] += rate * (a[i] + b[i]);
+    cross(&velocity[3], &J[3], a);
+    for (int i = 0; i < 3; i++)
+        acceleration[3 + i] += rate * a[i];
+}
+
+/* Jdot v at a point, from velocity and Jdot v at the world's origin. */
+static void move_bias(const double *velocity, const double *point, double *acceleration)
+{
+    double a[3], b[3];
     cross(&velocity[3], point, a);
     for (int i = 0; i < 3; i++)
         a[i] += velocity[i];
@@ -128,23 +124,44 @@ static void frame(const Model *m, const double *v, int index, const Terms *t)
     cross(&acceleration[3], point, a);
     for (int i = 0; i < 3; i++)
         acceleration[i] += a[i] + b[i];
+}
+
+/* Pose of a frame, its Jacobian and Jdot v: of a foot in world, of a hand in the base. */
+static void frame(const Model *m, const double *v, int index, const Terms *t)
+{
+    const Limb *limb = &m->limbs[index];
+    double point[3], velocity[6] = {0.0}, acceleration[6] = {0.0};
     double *bias = &t->bias[FIRST_FRAME + 6 * index];
     double *position = &t->positions[3 * index], *rotation = &t->rotations[9 * index];
+    turn(limb->rotation, limb->offset, point, 0);
+    for (int i = 0; i < 3; i++)
+        point[i] += limb->position[i];
+    for (int k = 0; k < limb->count; k++) {
+        const double *J = &m->J[6 * limb->columns[k]], rate = v[limb->velocities[k]];
+        add_column(m, index, k, point, t);
+        /* The axes of the base move with it, so that they add nothing; the others with the limb. */
+        if (!limb->floating || k >= 6)
+            add_joint(J, rate, velocity, acceleration);
+        for (int i = 0; i < 6; i++)
+            velocity[i] += rate * J[i];
+    }
+    move_bias(velocity, point, acceleration);
     memcpy(bias, acceleration, sizeof acceleration);
     memcpy(position, point, sizeof point);
-    for (int j = 0; j < 3; j++) {
-        memcpy(a, &limb->rotation[3 * j], sizeof a);
-        if (!limb->floating)
-            turn(base, &limb->rotation[3 * j], a, 1);
-        for (int i = 0; i < 3; i++)
-            rotation[3 * i + j] = a[i];
-    }
     if (!limb->floating) {
         for (int i = 0; i < 3; i++)
             point[i] -= m->position[i];
-        turn(base, point, position, 1);
-        turn(base, acceleration, bias, 1);
-        turn(base, &acceleration[3], &bias[3], 1);
+        turn(m->rotation, point, position, 1);
+        turn(m->rotation, acceleration, bias, 1);
+        turn(m->rotation, &acceleration[3], &bias[3], 1);
+    }
+    for (int j = 0; j < 3; j++) {
+        double axis[3];
+        memcpy(axis, &limb->rotation[3 * j], sizeof axis);
+        if (!limb->floating)
+            turn(m->rotation, &limb->rotation[3 * j], axis, 1);
+        for (int i = 0; i < 3; i++)
+            rotation[3 * i + j] = axis[i];
     }
 }
 

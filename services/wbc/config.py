@@ -7,27 +7,14 @@ than 10 ms.
 
 from typing import Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import Field, field_validator
 
-from common.robot import joints
 from common.robot.frames import FOOT_SUPPORT_HALF_SIZE
-from common.schemas.arrays import Float64Array as Array
 from common.topics import TELEOP_SETPOINT
+from services.wbc.gains import Gains, MotorGains, StrictModel
 
 
-class _Config(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Gains(_Config):
-    """PD gains: of a task [1/s², 1/s], of a motor [N·m/rad, N·m·s/rad]."""
-
-    kp: float = Field(ge=0.0, description="stiffness")
-    kd: float = Field(ge=0.0, description="damping")
-
-
-class TaskConfig(_Config):
+class TaskConfig(StrictModel):
     """Weights and gains of the tasks in the QP's cost."""
 
     com_weight: float = Field(default=20.0, description="weight of the CoM")
@@ -65,7 +52,7 @@ class TaskConfig(_Config):
     )
 
 
-class ContactConfig(_Config):
+class ContactConfig(StrictModel):
     """Contact model of a foot."""
 
     friction: float = Field(
@@ -82,7 +69,7 @@ class ContactConfig(_Config):
     )
 
 
-class LimitConfig(_Config):
+class LimitConfig(StrictModel):
     """Bounds inside the QP."""
 
     torque_mode: Literal["relaxed", "rated"] = Field(
@@ -108,7 +95,7 @@ class LimitConfig(_Config):
     )
 
 
-class GaitConfig(_Config):
+class GaitConfig(StrictModel):
     """Geometry and timing of a gait (two steps)."""
 
     com_height: float = Field(default=0.70, ge=0.55, le=0.74, description="above the soles [m]")
@@ -170,7 +157,7 @@ PACES: dict[str, dict[str, float]] = {
 """Timing of the named paces: 2.2 s, 3.35 s, 3.95 s and, as in public TRILL, 6.1 s a gait."""
 
 
-class HandConfig(_Config):
+class HandConfig(StrictModel):
     """Interpolation of hand set-points.
 
     Tremor is filtered by the distance of each set-point from its prediction and by the hand's
@@ -220,7 +207,7 @@ class HandConfig(_Config):
     )
 
 
-class AuthorityConfig(_Config):
+class AuthorityConfig(StrictModel):
     """Which of several operators has the robot, and how it changes hands."""
 
     lease: float = Field(
@@ -253,32 +240,7 @@ class AuthorityConfig(_Config):
         return ranks
 
 
-class MotorGains(_Config):
-    """Joint PD gains applied by the plant around the measured state [N·m/rad, N·m·s/rad]."""
-
-    hip: Gains = Gains(kp=100.0, kd=5.0)
-    knee: Gains = Gains(kp=100.0, kd=5.0)
-    ankle: Gains = Gains(kp=30.0, kd=1.5)
-    shoulder: Gains = Gains(kp=40.0, kd=2.0)
-    elbow: Gains = Gains(kp=40.0, kd=2.0)
-    wrist: Gains = Gains(kp=15.0, kd=0.6)
-    neck: Gains = Gains(kp=20.0, kd=1.0)
-
-    def per_joint(self) -> tuple[Array, Array]:
-        """Return stiffness [N·m/rad] and damping [N·m·s/rad] (27,) of the joints.
-
-        A knee's gains are those of its coordinate, so each of its two hinges gets half.
-        """
-        stiffness, damping = np.zeros(joints.NUM_JOINTS), np.zeros(joints.NUM_JOINTS)
-        for index, joint in enumerate(joints.JOINTS):
-            part = next(name for name in MotorGains.model_fields if name in joint.name)
-            gains: Gains = getattr(self, part)
-            share = 0.5 if part == "knee" else 1.0
-            stiffness[index], damping[index] = share * gains.kp, share * gains.kd
-        return stiffness, damping
-
-
-class WbcConfig(_Config):
+class WbcConfig(StrictModel):
     """Configuration of the controller."""
 
     rate: float = Field(default=100.0, ge=20.0, le=1000.0, description="[Hz]")

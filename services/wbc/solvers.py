@@ -1,9 +1,7 @@
-"""QP solvers with a common interface: OSQP (default), and DAQP and quadprog, which are exact.
+"""QP solvers of other packages: OSQP (default), and DAQP and quadprog, which are exact.
 
-OSQP keeps a workspace with a fixed sparsity pattern and starts from the last solution. The exact
-solvers start cold; they are alternatives, and the reference in the tests. The soft rows, whose
-number varies, are for the exact solvers: OSQP leaves a QP to DAQP where its own solution misses
-one of them.
+OSQP starts from the last solution, the exact solvers start cold. The soft rows, whose number
+varies, are for the exact ones: OSQP leaves a QP to DAQP where its own solution misses one of them.
 """
 
 from dataclasses import dataclass
@@ -89,11 +87,9 @@ class OsqpSolver:
 
     Variables are scaled as x = D y: accelerations by their curvature, forces to 100 N. OSQP's own
     equilibration, recomputed at every update, left the force block so badly conditioned that one
-    walking tick in a hundred ran out of iterations.
-
-    With arms at their joint limits OSQP still needs hundreds of iterations, 10 ms of a 10 ms tick.
-    Its iterations are therefore limited, and ``fallback``, if given, solves what it did not finish,
-    and what it solved without the soft rows to a solution that misses one of them.
+    walking tick in a hundred ran out of iterations. With arms at their joint limits it still needs
+    hundreds, 10 ms. They are therefore limited, and ``fallback``, if given, solves what it did not
+    finish, and what it solved without the soft rows to a solution that misses one of them.
     """
 
     name = "osqp"

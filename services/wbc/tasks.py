@@ -10,7 +10,8 @@ from common.native import kernel
 from common.robot import joints
 from common.robot.rotations import rotation_vector_from_matrix
 from common.schemas.arrays import Float64Array as Array
-from services.wbc.config import Gains, TaskConfig
+from services.wbc.config import TaskConfig
+from services.wbc.gains import Gains
 from services.wbc.layout import COM, FEET, FRAMES, HANDS, NV, TORSO, UPPER_BODY
 from services.wbc.layout import NUM_ROWS as MOVING_ROWS
 from services.wbc.references import PoseReference

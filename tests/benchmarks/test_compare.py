@@ -1,6 +1,7 @@
 """Two builds run in turn, each with its own sources, and the verdict is the exit code."""
 
 import json
+import shutil
 import subprocess
 import sys
 from itertools import pairwise
@@ -92,6 +93,20 @@ def test_a_tree_whose_packages_are_not_imported_is_refused(tmp_path: Path) -> No
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConfigError, match="expected the packages of"):
         check_tree(Build("empty", tmp_path / "empty"))
+
+
+def test_a_tree_whose_kernels_are_not_built_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("TRILL_NATIVE", raising=False)
+    own = tree(tmp_path / "own", 1.0)
+    shutil.copy(OWN_ROOT / "common" / "native.py", own / "common")
+    check_tree(Build("own", own))
+    (own / "common" / "_fast.c").write_text("")
+    with pytest.raises(ConfigError, match=r"but common\._fast is not built"):
+        check_tree(Build("own", own))
+    monkeypatch.setenv("TRILL_NATIVE", "0")
+    check_tree(Build("own", own))
 
 
 def test_processes_take_turns_one_at_a_time(

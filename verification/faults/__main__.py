@@ -18,6 +18,7 @@ from common.program import run_program
 from lab.progress import ProgressBar
 from verification.faults.clock_skew import ClockSkew
 from verification.faults.dead_peer import DeadPeer
+from verification.faults.inference import Inference
 from verification.faults.kill_recorder import KillRecorder
 from verification.faults.logger_on_robot import LoggerOnRobot
 from verification.faults.network_cut import NetworkCut
@@ -28,6 +29,7 @@ from verification.faults.slow_subscriber import SlowSubscriber
 Plans = Sequence[type[FaultPlan]]
 PLANS: Plans = (
     KillRecorder, SlowSubscriber, LoggerOnRobot, DeadPeer, NetworkCut, ClockSkew, Operators,
+    Inference,
 )  # fmt: skip
 _WIDTH = 120
 """Width of the tables where the output is not a terminal."""

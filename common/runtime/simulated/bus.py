@@ -11,6 +11,7 @@ from common.topics import Topic
 from common.transport.keys import key_of
 from common.transport.tap import RawSample
 from common.wire.codec import decode, encode_body, schema_tag, with_header
+from common.wire.decoder import Decoder
 from common.wire.stamper import HeaderStamper
 
 M = TypeVar("M", bound=Message)
@@ -71,12 +72,12 @@ class SimBus:
 
     def newest(self, topic: Topic[M]) -> Callable[[], M | None]:
         """Return a function that decodes the newest message of ``topic``; None: none was sent."""
-        name, schema = topic.name, topic.schema
+        name, decoder = topic.name, Decoder(topic.schema)
         self._newest.setdefault(name, None)
 
         def read() -> M | None:
             payload = self._newest[name]
-            return None if payload is None else decode(payload, schema)
+            return None if payload is None else decoder.decode(payload)
 
         return read
 

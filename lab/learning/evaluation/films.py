@@ -45,7 +45,7 @@ def film(folder: Path, spec: TrialSpec) -> list[Image]:
     result, timeline = record_trial(spec)
     write_video(folder / film_name(spec), timeline, lambda _done, _total: None)
     last = len(timeline.truth) - 1
-    labels = [f"seed {spec.seed}: {label_of(spec)}", *[""] * (COLUMNS - 2), result.verdict]
+    labels = [f"seed {spec.seed}", label_of(spec), *[""] * (COLUMNS - 3), result.verdict]
     indices = np.linspace(0, last, COLUMNS).round().astype(int).tolist()
     moments = list(map(Moment, indices, labels))
     return moment_tiles(

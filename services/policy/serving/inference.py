@@ -32,6 +32,7 @@ class InferenceServer:
         """Begin to take requests."""
         self.seconds: list[float] = []
         self.refused = self.skipped = 0
+        self._told = ""
         self._runtime = runtime
         self._format = WireFormat(description)
         self._key = INFERENCE.key(robot, str(session.info.zid()))
@@ -56,7 +57,9 @@ class InferenceServer:
                 answer = self._answer(query)
             except SchemaError as error:
                 self.refused += 1
-                _log.warning("refused: %s", error)
+                if str(error) != self._told:
+                    self._told = str(error)
+                    _log.warning("refused: %s", error)
                 query.reply_err(str(error).encode())
                 return True
             query.reply(

@@ -22,6 +22,7 @@ from services.policy.serving.wire import REQUEST_TAG, WireFormat
 _log = logging.getLogger(__name__)
 
 NO_SERVER = "no inference server is there"
+SILENT = "the inference server does not answer"
 _Reply = tuple[bytes, str] | str | None
 """An answer with the name of its schema, an error in words, or None: no more replies come."""
 
@@ -45,6 +46,7 @@ class RemoteEngine(Component):
         self._step = -1
         self._replied = False
         self._querier: Any = None
+        self._told = NO_SERVER
 
     def open(self, context: RunnerContext) -> None:
         """Get ready to ask."""
@@ -125,14 +127,18 @@ class RemoteEngine(Component):
     def _refuse(self, reason: str) -> None:
         """Count an answer that is none, unless it is the transport's word that none came."""
         if reason.lower() == "timeout":
-            self._notice("the inference server does not answer")
+            self._notice(SILENT)
             return
         self.refused += 1
         self._notice(reason)
 
     def _notice(self, problem: str) -> None:
-        """Keep a problem, and log it if it is another one."""
-        if problem != self.problem:
-            self.problem = problem
-            level = logging.WARNING if problem else logging.INFO
-            _log.log(level, "inference: %s", problem or "answers come")
+        """Keep a problem; log it once, also if good answers of another server come between."""
+        absent = {NO_SERVER, SILENT}
+        if not problem and self.problem in absent:
+            _log.info("answers come")
+            self._told = ""
+        elif problem and problem != self._told:
+            _log.warning("%s", problem)
+            self._told = problem
+        self.problem = problem

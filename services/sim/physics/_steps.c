@@ -1,11 +1,13 @@
 /* Physics steps behind the motor servo; `Steps.run` in steps.py says the same in Python.
  *
  * MuJoCo is called through the addresses of its functions in the library that its Python package
- * has loaded: building this needs neither MuJoCo nor NumPy. What is an exception of that package, a
- * full arena for example, ends the process here, with MuJoCo's message. */
+ * has loaded: building this needs neither MuJoCo nor NumPy. */
 
 #include <math.h>
+#include <setjmp.h>
 #include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
 
 #include "common/native.h"
 
@@ -25,9 +27,23 @@ typedef struct {
     Py_ssize_t nq, nv;
     int64_t step_ns, extrapolation_ns;
     double fade, height, uprightness, farthest_squared, fastest_squared;
+    PyObject *error; /* class of exceptions for MuJoCo's fatal errors */
     Py_buffer buffers[MAX_ARRAYS];
     int held;
 } Steps;
+
+static _Thread_local jmp_buf *rescue;
+static _Thread_local char fatal[1024];
+
+/* Leave MuJoCo after a fatal error, from which it must not return; elsewhere end as it would. */
+static void on_fatal(const char *text)
+{
+    snprintf(fatal, sizeof fatal, "%s", text);
+    if (rescue != NULL)
+        longjmp(*rescue, 1);
+    fprintf(stderr, "ERROR: %s\n", text);
+    exit(EXIT_FAILURE);
+}
 
 static void free_steps(PyObject *capsule)
 {
@@ -36,6 +52,7 @@ static void free_steps(PyObject *capsule)
         return;
     for (int i = 0; i < steps->held; i++)
         PyBuffer_Release(&steps->buffers[i]);
+    Py_XDECREF(steps->error);
     PyMem_Free(steps);
 }
 
@@ -89,11 +106,32 @@ static int is_notable(const Steps *s, int watch_fall)
              squared_norm(s->qvel, s->nv) <= s->fastest_squared);
 }
 
+typedef struct {
+    int done, saturated, notable;
+} Outcome;
+
+/* Do at most `most` steps under a law that was made for the time `stamp_ns`. */
+static Outcome do_steps(const Steps *s, const double *law, int64_t stamp_ns, int64_t now_ns,
+                        int most, int watch_fall)
+{
+    Outcome outcome = {0, 0, 0};
+    for (; outcome.done < most && !outcome.notable; outcome.done++) {
+        int64_t since = now_ns - stamp_ns;
+        since = since < 0 ? 0 : since > s->extrapolation_ns ? s->extrapolation_ns : since;
+        s->step1(s->model, s->data);
+        outcome.saturated += servo(s, law, (double)since * 1e-9);
+        s->step2(s->model, s->data);
+        now_ns += s->step_ns;
+        outcome.notable = is_notable(s, watch_fall);
+    }
+    return outcome;
+}
+
 static PyObject *run(PyObject *module, PyObject *args)
 {
     PyObject *capsule, *law_array;
     long long stamp_ns, now_ns;
-    int most, watch_fall, done = 0, saturated = 0, notable = 0;
+    int most, watch_fall;
     (void)module;
     if (!PyArg_ParseTuple(args, "OOLLip", &capsule, &law_array, &stamp_ns, &now_ns, &most,
                           &watch_fall))
@@ -105,32 +143,38 @@ static PyObject *run(PyObject *module, PyObject *args)
     const double *law = native_doubles(law_array, TERMS * MOTORS, 0, "law", &law_buffer);
     if (law == NULL)
         return NULL;
+    Outcome outcome = {0, 0, 0};
+    jmp_buf here;
+    volatile int failed = 0;
     Py_BEGIN_ALLOW_THREADS
-    while (done < most && !notable) {
-        int64_t since = now_ns - stamp_ns;
-        since = since < 0 ? 0 : since > s->extrapolation_ns ? s->extrapolation_ns : since;
-        s->step1(s->model, s->data);
-        saturated += servo(s, law, (double)since * 1e-9);
-        s->step2(s->model, s->data);
-        now_ns += s->step_ns;
-        done++;
-        notable = is_notable(s, watch_fall);
+    if (setjmp(here) == 0) {
+        rescue = &here;
+        outcome = do_steps(s, law, stamp_ns, now_ns, most, watch_fall);
+    } else {
+        failed = 1;
     }
+    rescue = NULL;
     Py_END_ALLOW_THREADS
     PyBuffer_Release(&law_buffer);
-    return Py_BuildValue("iiO", done, saturated, notable ? Py_True : Py_False);
+    if (failed) {
+        PyErr_SetString(s->error, fatal);
+        return NULL;
+    }
+    return Py_BuildValue("iiO", outcome.done, outcome.saturated,
+                         outcome.notable ? Py_True : Py_False);
 }
 
 static PyObject *prepare(PyObject *module, PyObject *args, PyObject *keywords)
 {
     static char *names[] = {
-        "step1", "step2", "model", "data",
+        "step1", "step2", "user_error", "error", "model", "data",
         "torque", "length", "velocity", "qpos", "qvel", "rotation",
         "per_joint", "lowest", "highest",
         "step_ns", "extrapolation_ns",
         "fade", "height", "uprightness", "farthest_squared", "fastest_squared", NULL};
     PyObject *arrays[MAX_ARRAYS];
-    unsigned long long step1, step2, model, data;
+    unsigned long long step1, step2, user_error, model, data;
+    PyObject *error;
     long long step_ns, extrapolation_ns;
     (void)module;
     Steps *s = PyMem_Calloc(1, sizeof *s);
@@ -142,13 +186,17 @@ static PyObject *prepare(PyObject *module, PyObject *args, PyObject *keywords)
         return NULL;
     }
     if (!PyArg_ParseTupleAndKeywords(
-            args, keywords, "$KKKKOOOOOOOOOLLddddd", names, &step1, &step2, &model, &data,
-            &arrays[0], &arrays[1], &arrays[2], &arrays[3], &arrays[4], &arrays[5], &arrays[6],
+            args, keywords, "$KKKOKKOOOOOOOOOLLddddd", names, &step1, &step2, &user_error, &error,
+            &model, &data, &arrays[0], &arrays[1], &arrays[2], &arrays[3], &arrays[4], &arrays[5], &arrays[6],
             &arrays[7], &arrays[8], &step_ns, &extrapolation_ns, &s->fade, &s->height,
             &s->uprightness, &s->farthest_squared, &s->fastest_squared))
         goto failed;
     s->step1 = (step_function)(uintptr_t)step1;
     s->step2 = (step_function)(uintptr_t)step2;
+    s->error = Py_NewRef(error);
+    void (**handler)(const char *) = (void (**)(const char *))(uintptr_t)user_error;
+    if (*handler == NULL)
+        *handler = on_fatal;
     s->model = (void *)(uintptr_t)model;
     s->data = (void *)(uintptr_t)data;
     s->step_ns = step_ns;
@@ -158,7 +206,7 @@ static PyObject *prepare(PyObject *module, PyObject *args, PyObject *keywords)
     const Py_ssize_t counts[MAX_ARRAYS] = {MOTORS, MOTORS, MOTORS,     -1,        -1,
                                            9,      MOTORS, 2 * MOTORS, 2 * MOTORS};
     for (int i = 0; i < MAX_ARRAYS; i++) {
-        *views[i] = native_doubles(arrays[i], counts[i], i == 0, names[4 + i], &s->buffers[i]);
+        *views[i] = native_doubles(arrays[i], counts[i], i == 0, names[6 + i], &s->buffers[i]);
         if (*views[i] == NULL)
             goto failed;
         s->held++;

@@ -8,6 +8,8 @@ def prepare(
     *,
     step1: int,
     step2: int,
+    user_error: int,
+    error: type[Exception],
     model: int,
     data: int,
     torque: Array,

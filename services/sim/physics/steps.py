@@ -49,13 +49,15 @@ class PhysicsSteps:
         self._velocity = data.actuator_velocity[:NUM_MOTORS]
         self._torque = data.ctrl[:NUM_MOTORS]
         self._rotation = data.xmat[torso]
-        functions = _functions("mj_step1", "mj_step2") if _steps else None
-        self._prepared = self._prepare(*functions) if functions else None
+        addresses = _addresses("mj_step1", "mj_step2", "mju_user_error") if _steps else None
+        self._prepared = self._prepare(*addresses) if addresses else None
 
-    def _prepare(self, step1: int, step2: int) -> Any:
+    def _prepare(self, step1: int, step2: int, user_error: int) -> Any:
         return _steps.prepare(
             step1=step1,
             step2=step2,
+            user_error=user_error,
+            error=mujoco.FatalError,
             model=self._model._address,
             data=self._data._address,
             torque=self._torque,
@@ -116,14 +118,14 @@ class PhysicsSteps:
         return float(self._qpos[2]) < FALLEN_HEIGHT or float(self._rotation[8]) < FALLEN_UPRIGHTNESS
 
 
-def _functions(*names: str) -> list[int] | None:
-    """Return the addresses of functions in the library that MuJoCo's package has loaded."""
+def _addresses(*names: str) -> list[int] | None:
+    """Return the addresses of symbols in the library that MuJoCo's package has loaded."""
     folder = Path(mujoco.__file__).parent
     for path in folder.glob("libmujoco.*"):
         try:
             library = ctypes.CDLL(str(path), mode=os.RTLD_NOLOAD | os.RTLD_NOW)
         except OSError:
             continue
-        return [ctypes.cast(getattr(library, name), ctypes.c_void_p).value or 0 for name in names]
+        return [ctypes.addressof(ctypes.c_char.in_dll(library, name)) for name in names]
     _LOG.warning("the physics runs in Python: found no loaded libmujoco in %s", folder)
     return None

@@ -15,7 +15,6 @@ import mujoco
 from pydantic import BaseModel, ConfigDict, Field
 
 from common.robot.frames import CAMERAS
-from common.runtime.live.main import run_live
 from common.runtime.service import Inputs, Output, Service
 from common.schemas import CameraFrame, Header, PlantState, SceneState
 from common.tables import validated
@@ -250,6 +249,9 @@ def _build(arguments: Namespace) -> CameraService:
 
 def main() -> int:
     """Run the cameras until a signal."""
+    # A trial in simulated time hosts the cameras without the bus, which takes long to import.
+    from common.runtime.live.main import run_live
+
     return run_live(
         _build,
         CameraService.name,

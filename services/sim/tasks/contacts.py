@@ -1,6 +1,7 @@
 """Contacts by name: which part of the robot is in contact with which object of the scene."""
 
 import re
+from functools import cache
 from typing import Any
 
 from services.sim.model.contacts import normal_forces
@@ -29,6 +30,7 @@ _PARTS = {
 }
 
 
+@cache
 def robot_part(geom: str) -> tuple[str, str] | None:
     """Return (side, part) of the robot's collision geom ``geom``; None for any other geom."""
     match = _ROBOT_GEOM.fullmatch(geom)

@@ -18,6 +18,7 @@ from services.policy.checkpoint.manifest import (
     sha256,
 )
 from services.policy.configuration import ChunkConfig, InputConfig, PolicySettings
+from services.policy.kinds import network
 from services.policy.processor.actions import AbsoluteChunks
 from services.policy.processor.processor import Decision, Processor
 from services.policy.service import PolicyConfig, PolicyOperator
@@ -44,6 +45,18 @@ def description_of(settings: PolicySettings = BLIND) -> Description:
         }
     )
     return Description(manifest=manifest, processor=processor, digest="ab" * 32)
+
+
+def saved(folder: Path, settings: PolicySettings, seed: int = 0) -> Path:
+    """Write a checkpoint with random weights; it needs torch."""
+    import torch
+
+    from services.policy.checkpoint.folder import save_checkpoint
+
+    torch.manual_seed(seed)
+    processor = Processor.fit(settings, [episode(number) for number in range(3)])
+    save_checkpoint(folder, network(settings), processor, ORIGIN)
+    return folder
 
 
 def reaching(step: float) -> tuple[float, float]:

@@ -13,8 +13,8 @@ pytest.importorskip("torch")
 pytest.importorskip("safetensors")
 
 from common.transport.config import read_config_file
-from services.policy.__main__ import build, main
 from services.policy.checkpoint.manifest import NETWORK
+from services.policy.command import build, main
 from services.policy.server import main as serve
 from services.policy.serving.remote import RemoteEngine
 from tests.services.policy.test_checkpoint import edit, replace, written

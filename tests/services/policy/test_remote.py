@@ -13,26 +13,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch")
+pytest.importorskip("torch")
 pytest.importorskip("safetensors")
 
-from common.errors import SchemaError  # noqa: E402
-from common.inbox.inbox import Inbox  # noqa: E402
-from common.runtime.live.components import RunnerContext  # noqa: E402
-from common.transport.config import BusConfig  # noqa: E402
-from common.transport.session import open_session  # noqa: E402
-from services.policy.checkpoint.folder import save_checkpoint  # noqa: E402
-from services.policy.checkpoint.manifest import Description, describe  # noqa: E402
-from services.policy.configuration import ChunkConfig  # noqa: E402
-from services.policy.kinds import network  # noqa: E402
-from services.policy.networks.runtime import load_runtime  # noqa: E402
-from services.policy.processor.processor import Processor  # noqa: E402
-from services.policy.serving.engine import Answer, Request  # noqa: E402
-from services.policy.serving.remote import NO_SERVER, RemoteEngine  # noqa: E402
-from services.policy.serving.wire import ANSWER_TAG, REQUEST_TAG, WireFormat  # noqa: E402
-from tests.common.transport.support import free_base_port  # noqa: E402
-from tests.services.policy.made import episode, small  # noqa: E402
-from tests.services.policy.served import ORIGIN, description_of  # noqa: E402
+from common.errors import SchemaError
+from common.inbox.inbox import Inbox
+from common.runtime.live.components import RunnerContext
+from common.transport.config import BusConfig
+from common.transport.session import open_session
+from services.policy.checkpoint.manifest import Description, describe
+from services.policy.configuration import ChunkConfig
+from services.policy.networks.runtime import load_runtime
+from services.policy.serving.engine import Answer, Request
+from services.policy.serving.remote import NO_SERVER, RemoteEngine
+from services.policy.serving.wire import ANSWER_TAG, REQUEST_TAG, WireFormat
+from tests.common.transport.support import free_base_port
+from tests.services.policy.made import small
+from tests.services.policy.served import description_of, saved
 
 STEREO = small("trill", actions=ChunkConfig(steps=6))
 PATIENCE = 30.0
@@ -40,11 +37,7 @@ PATIENCE = 30.0
 
 @pytest.fixture(scope="module")
 def checkpoint(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    torch.manual_seed(0)
-    folder = tmp_path_factory.mktemp("policy") / "made"
-    processor = Processor.fit(STEREO, [episode(seed) for seed in range(3)])
-    save_checkpoint(folder, network(STEREO), processor, ORIGIN)
-    return folder
+    return saved(tmp_path_factory.mktemp("policy") / "made", STEREO)
 
 
 def request(step: int, frames: int = 3) -> Request:
@@ -152,8 +145,11 @@ class Player:
         self.session.close()
 
 
-def test_a_server_that_is_killed_stopped_restarted_or_doubled(checkpoint: Path) -> None:
+def test_a_server_that_is_killed_stopped_restarted_or_doubled(
+    checkpoint: Path, tmp_path: Path
+) -> None:
     runtime, description = load_runtime(checkpoint)
+    other = saved(tmp_path / "other", STEREO, seed=1)
     player = Player(description)
     expected = [runtime.run(*request(step)[1:]) for step in range(6)]
 
@@ -185,5 +181,11 @@ def test_a_server_that_is_killed_stopped_restarted_or_doubled(checkpoint: Path) 
         with player.server(checkpoint), player.server(checkpoint):
             check(player.ask(5, answers=2), 5, count=2)
         assert player.engine.refused == 0
+        # One of another checkpoint says so, and disturbs nobody.
+        with player.server(other), player.server(checkpoint):
+            check(player.ask(5), 5)
+            while not player.engine.refused:
+                check(player.ask(5), 5)
+            assert "expected the checkpoint" in player.engine.problem or not player.engine.problem
     finally:
         player.close()

@@ -1,105 +1,35 @@
 """The policy as a service in simulated time: it moves the hands, starves, walks, hands over."""
 
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import (
-    AuthorityState,
-    Gait,
-    GaitOutcome,
-    GaitReply,
     OperatorClaim,
     OperatorKind,
-    PlantState,
     PolicyMode,
-    PolicyState,
-    Setpoint,
 )
 from common.topics import (
-    PLANT_STATE,
-    POLICY_STATE,
     TELEOP_CLAIM,
     TELEOP_SETPOINT,
-    WBC_AUTHORITY,
-    WBC_REPLY,
-    WBC_TARGET,
-    Topic,
 )
+from services.policy.service import PolicyConfig, PolicyOperator
 from services.sim.config import SimConfig
 from services.sim.service import PlantService
 from services.wbc.config import wbc_config
 from services.wbc.service import WbcService
-from tests.services.policy.served import MadePolicy, gait_of, made_policy, reaching
+from tests.common.runtime.replaying import recorded, replay
+from tests.services.policy.served import (
+    BLIND,
+    made_policy,
+    reaching,
+    saved,
+)
+from tests.services.policy.stack import Stack, modes
 
 MODE = PolicyMode
-HEARD: tuple[Topic[Any], ...] = (
-    PLANT_STATE,
-    POLICY_STATE,
-    TELEOP_SETPOINT,
-    WBC_AUTHORITY,
-    WBC_REPLY,
-    WBC_TARGET,
-)
-
-
-class Stack:
-    """Plant, controller and a policy on flat ground, and what was said."""
-
-    def __init__(self, policy: MadePolicy, **links: str) -> None:
-        self.policy, self.engine = policy, policy.made
-        self.runner = SimTimeRunner(
-            [PlantService(SimConfig(seed=3)), WbcService(wbc_config("relaxed", "fast")), policy],
-            seed=3,
-            links=links,
-        )
-        self.heard: dict[str, list[Any]] = {}
-        for topic in HEARD:
-            self.runner.on_message(topic, self.heard.setdefault(topic.name, []).append)
-
-    def run(self, seconds: float) -> None:
-        self.runner.run_for(seconds)
-
-    @property
-    def setpoints(self) -> list[Setpoint]:
-        return self.heard[TELEOP_SETPOINT.name]
-
-    @property
-    def states(self) -> list[PolicyState]:
-        return self.heard[POLICY_STATE.name]
-
-    @property
-    def authority(self) -> AuthorityState:
-        said: list[AuthorityState] = self.heard[WBC_AUTHORITY.name]
-        return said[-1]
-
-    def mode(self) -> PolicyMode:
-        return self.policy.mode
-
-    @property
-    def fallen(self) -> bool:
-        states: list[PlantState] = self.heard[PLANT_STATE.name]
-        return any(state.fallen for state in states)
-
-    def completed(self) -> list[Gait]:
-        replies: list[GaitReply] = self.heard[WBC_REPLY.name]
-        return [reply.gait for reply in replies if reply.outcome is GaitOutcome.COMPLETED]
-
-    def errors(self, last: int) -> list[float]:
-        """How far the last set-points are from those made for their steps [m]."""
-        steps = range(self.policy.steps - last, self.policy.steps)
-        return [
-            abs(setpoint.left_hand_position_in_body[0] - reaching(step)[0])
-            for setpoint, step in zip(self.setpoints[-last:], steps, strict=True)
-        ]
-
-
-def modes(stack: Stack) -> list[PolicyMode]:
-    """The modes in their order, each once."""
-    said = [state.mode for state in stack.states]
-    return [mode for i, mode in enumerate(said) if i == 0 or mode is not said[i - 1]]
 
 
 def test_it_gets_the_free_robot_begins_at_its_target_and_drives_the_hands() -> None:
@@ -189,43 +119,6 @@ def test_where_nobody_answers_it_asks_in_every_step() -> None:
     assert stack.mode() is MODE.OK
 
 
-def test_a_gait_is_asked_for_once_when_enough_has_gathered_and_never_while_walking() -> None:
-    policy, engine = made_policy(trigger={"hold_off": 1.0})
-    engine.gait = lambda _request: gait_of(Gait.SIDE_LEFT, 0.8)
-    stack = Stack(policy)
-    stack.run(4.0)
-    assert stack.states[-1].gaits == 1
-    stack.run(12.0)
-    replies: list[GaitReply] = stack.heard[WBC_REPLY.name]
-    assert {reply.outcome for reply in replies} == {GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED}
-    assert set(stack.completed()) == {Gait.SIDE_LEFT}
-    assert stack.states[-1].gaits - len(stack.completed()) in {0, 1}
-    assert not stack.fallen
-
-
-def test_restarted_while_it_walks_it_neither_falls_nor_jumps_nor_walks_twice() -> None:
-    for at in (0.3, 1.2, 2.1):
-        policy, engine = made_policy()
-        engine.gait = lambda request: gait_of(Gait.FORWARD if request.step < 90 else Gait.NONE)
-        stack = Stack(policy)
-        while not stack.states or stack.states[-1].gaits == 0:
-            stack.run(0.05)
-        stack.run(at)
-        stack.runner.pause_service("policy")
-        stack.run(0.5)
-        stack.policy, again = made_policy()
-        stack.runner.replace_service("policy", stack.policy)
-        stack.run(9.0)
-        assert stack.completed() == [Gait.FORWARD], f"killed {at} s into the gait"
-        assert again.requests
-        assert not stack.fallen
-        assert stack.authority.holder == "policy"
-        # Its first set-points may be elsewhere; the controller's target goes there smoothly.
-        targets = [t.left_hand_position_in_body for t in stack.heard[WBC_TARGET.name]]
-        largest = np.linalg.norm(np.diff(targets, axis=0), axis=1).max()
-        assert largest < 0.015
-
-
 def test_a_person_takes_the_robot_and_gives_it_back() -> None:
     policy, engine = made_policy()
     stack = Stack(policy)
@@ -296,3 +189,21 @@ def test_two_runs_are_the_same() -> None:
         said.append([s.left_hand_position_in_body.tolist() for s in stack.setpoints])
     assert said[0] == said[1]
     assert len(said[0]) > 20
+
+
+def test_a_policy_on_torch_drives_the_hands_and_a_log_of_it_replays_to_the_same_bytes(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip("torch")
+    config = PolicyConfig(checkpoint=saved(tmp_path / "made", BLIND))
+    plant, controller = PlantService(SimConfig(seed=3)), WbcService(wbc_config("relaxed", "fast"))
+    runner = SimTimeRunner(
+        [plant, controller, PolicyOperator(config)], seed=3, record=True, journal=True
+    )
+    runner.run_for(3.0)
+    messages = recorded(runner)
+    assert sum(message.topic is TELEOP_SETPOINT for message in messages) > 30
+    report = replay(PolicyOperator.from_settings(config.model_dump(mode="json")), messages)
+    assert report.stopped == ""
+    assert report.identical
+    assert report.outputs["teleop/setpoint"].compared > 30

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from common.journal.journal import PERIOD_NS
+from common.plant import servo
 from common.plant.servo import Target
 from common.runtime.service import Inputs, Output, Service
 from common.runtime.simulated.runner import SimTimeRunner
@@ -20,7 +21,9 @@ from common.topics import (
     PLANT_STATUS,
     WBC_COMMAND,
 )
+from common.wire import codec, template
 from services.sim.config import TYPICAL_NOISE, SimConfig
+from services.sim.physics import steps
 from services.sim.physics.steps import PhysicsSteps
 from services.sim.service import PlantService
 from tests.services.sim.support import MS, Stander
@@ -118,6 +121,19 @@ def test_the_record_is_the_same_to_the_byte(config: Any, links: Any, share: floa
     assert plant_of(at_once).calls < share * plant_of(one_by_one).calls
 
 
+@pytest.mark.skipif(steps._steps is None, reason="the kernel is not built")
+@pytest.mark.parametrize("config", [{}, {"task": "hardware/tool"}], ids=["flat", "task"])
+def test_the_record_is_the_same_without_compiled_code(
+    config: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    compiled = eventful_run(CountedPlant, **config)
+    monkeypatch.setattr(steps, "_steps", None)
+    monkeypatch.setattr(servo, "_servo", None)
+    monkeypatch.setattr(codec, "_codec", None)
+    monkeypatch.setattr(template, "_template", None)
+    assert eventful_run(CountedPlant, **config).log == compiled.log
+
+
 def test_a_guard_that_changes_its_mode_tells_it_at_once() -> None:
     told: list[tuple[int, GuardMode]] = []
     service = CountedPlant(SimConfig(status_rate=1))
@@ -137,12 +153,12 @@ def test_a_divergence_resets_in_its_own_step(monkeypatch: pytest.MonkeyPatch) ->
 
         def stepped(physics: Any, target: Target, now_ns: int, most: int, **how: bool) -> Any:
             nonlocal done, mark
-            steps, is_notable = advance(physics, target, now_ns, min(most, mark - done), **how)
-            done += steps
+            taken, is_notable = advance(physics, target, now_ns, min(most, mark - done), **how)
+            done += taken
             if done == mark:
                 service.plant.data.qvel[0] = np.nan
                 mark, is_notable = next(marks), True
-            return steps, is_notable
+            return taken, is_notable
 
         monkeypatch.setattr(PhysicsSteps, "run", stepped)
         runner = SimTimeRunner([service], record=True)

@@ -9,7 +9,7 @@ import pytest
 from common.plant.config import PHYSICS_STEP_NS, TorqueMode
 from common.plant.servo import Servo, Target, motor_target
 from common.robot.joints import NUM_MOTORS, POSITION_LOWER, POSITION_UPPER
-from services.sim.model.world import build_model, find_addresses
+from services.sim.model.world import build_model, build_spec, find_addresses
 from services.sim.physics import steps as physics
 from services.sim.physics.stance import standing_qpos
 from services.sim.physics.steps import PhysicsSteps
@@ -113,3 +113,12 @@ def test_a_fall_ends_the_steps_in_the_same_step_either_way(model: Any) -> None:
             singly += robot.steps.run(limp, now, 1 if compiled else 5000, watch_fall=True)[0]
         falls.append(singly)
     assert falls[0] == falls[1]
+
+
+@pytest.mark.parametrize("compiled", [pytest.param(True, marks=needs_kernel), False])
+def test_a_fatal_error_of_mujoco_is_an_exception(compiled: bool) -> None:
+    spec = build_spec("flat", visuals=False)
+    spec.memory = 40_000
+    robot = Robot(spec.compile(), compiled=compiled)
+    with pytest.raises(mujoco.FatalError, match="out of memory"):
+        robot.steps.run(Target(STAMP, np.zeros((5, NUM_MOTORS))), STAMP, 5, watch_fall=True)

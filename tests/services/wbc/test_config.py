@@ -5,16 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 from common.robot import joints
-from services.wbc.config import (
-    PACES,
-    Gains,
-    GaitConfig,
-    HandConfig,
-    MotorGains,
-    WbcConfig,
-    wbc_config,
-)
+from services.wbc.config import PACES, GaitConfig, HandConfig, WbcConfig, wbc_config
 from services.wbc.errors import SolverUnavailableError
+from services.wbc.gains import Gains, MotorGains
 from services.wbc.solvers import make_solver
 
 

@@ -97,6 +97,29 @@ def test_rows_that_depend_on_each_other(walk: list[Tick]) -> None:
     assert _difference(limited.x, _exact(data)) < 1e-9
 
 
+def test_rows_that_nearly_depend_on_each_other(walk: list[Tick]) -> None:
+    """One joint's upper bound, and a lower one of a row that differs by 1e-8 of another joint."""
+    data = copy_qp(walk[len(walk) // 2].data)
+    free = _solve(data).x
+    one, other = BOUNDS.stop - 3, BOUNDS.stop - 2
+    # So large that 1e-8 of it counts as violated.
+    data.A[other] = 1e8 * data.A[one] + data.A[other]
+    data.u[one] = data.A[one] @ free - 1.0
+    data.l[other], data.u[other] = 1e8 * data.u[one] + free[NV - 2] + 1.0, INFINITY
+    solution = _solve(data)
+    assert solution.solved
+    assert data.A[one] @ solution.x == pytest.approx(data.u[one], abs=1e-9)
+    assert solution.x[NV - 2] == pytest.approx(free[NV - 2] + 1.0, abs=1e-5)
+
+
+def test_rows_that_contradict_each_other_have_no_solution(walk: list[Tick]) -> None:
+    data = copy_qp(walk[len(walk) // 2].data)
+    neck = BOUNDS.stop - 1
+    data.A[neck - 1] = 2.0 * data.A[neck]
+    data.u[neck], data.l[neck - 1] = -1.0, -1.0
+    assert not _solve(data).solved
+
+
 def test_rows_without_bounds_never_bind(walk: list[Tick]) -> None:
     data = copy_qp(walk[len(walk) // 2].data)
     free = _solve(data)

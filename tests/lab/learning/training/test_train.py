@@ -122,6 +122,21 @@ def test_pictures_are_learned_from(tmp_path: Path) -> None:
     assert int(network.encoders["left"].trunk.layers[1].num_batches_tracked) == 6
 
 
+def test_16_bits_learn_about_the_same_and_are_not_kept(tmp_path: Path) -> None:
+    data = dataset(tmp_path / "data", 3, pictures=True)
+    seeing = blind(inputs=InputConfig(picture_size=(24, 18), joint_state=False))
+    found = []
+    for precision in ("float32", "bfloat16"):
+        train(job(data, tmp_path / precision, seeing, precision=precision))
+        found.append(metrics(tmp_path / precision)[0]["train"]["hands"])
+        assert {tensor.dtype for tensor in weights(tmp_path / precision).values()} == {
+            torch.float32,
+            torch.int64,
+        }
+    assert found[0] != found[1]
+    assert found[0] == pytest.approx(found[1], rel=0.05)
+
+
 def test_other_settings_are_refused_in_the_same_folder(data: Path, tmp_path: Path) -> None:
     train(job(data, tmp_path))
     with pytest.raises(TrainingError, match=r"training\.rate: 0\.01 \| 0\.02"):
