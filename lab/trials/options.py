@@ -105,6 +105,13 @@ def add_robot_options(parser: "argparse._ActionsContainer", physics_steps: int =
         help="physics steps of 1 ms in one step of the plant, 1 to 10; more is faster, but the "
         f"robot hears commands later ({physics_steps})",
     )
+    parser.add_argument(
+        "--task-spread",
+        type=float,
+        default=1.0,
+        metavar="FACTOR",
+        help="factor on what the starts of the task vary by (1)",
+    )
 
 
 def add_link_options(parser: "argparse._ActionsContainer") -> None:
@@ -129,4 +136,5 @@ def robot_settings(arguments: argparse.Namespace) -> dict[str, Any]:
         "torque_mode": arguments.torque_mode,
         "pace": arguments.pace,
         "physics_steps": arguments.physics_steps,
+        "task_spread": arguments.task_spread,
     }

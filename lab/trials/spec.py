@@ -45,6 +45,7 @@ class TrialSettings(BaseModel):
             mode's own.
         physics_steps: physics steps in one step of the plant's service; more is faster, but the
             robot hears commands later.
+        task_spread: factor on what the starts of the task vary by.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
@@ -53,6 +54,7 @@ class TrialSettings(BaseModel):
     torque_mode: Literal["relaxed", "rated"] = "relaxed"
     pace: Literal["", "fast", "normal", "slow", "public"] = ""
     physics_steps: int = Field(default=1, ge=1, le=10)
+    task_spread: float = Field(default=1.0, ge=0.0, le=10.0)
 
     @model_validator(mode="before")
     @classmethod

@@ -75,6 +75,7 @@ class TaskStack:
                 seed=spec.seed,
                 torque_mode=TorqueMode(spec.torque_mode),
                 physics_steps=spec.physics_steps,
+                task_spread=spec.task_spread,
             )
         )
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}

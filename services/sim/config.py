@@ -60,6 +60,9 @@ class SimConfig(_Config):
     start_yaw_spread: float = Field(
         default=0.0, ge=0.0, le=3.15, description="start yaw uniform within ± this [rad]"
     )
+    task_spread: float = Field(
+        default=1.0, ge=0.0, le=10.0, description="factor on what the task's own starts vary by"
+    )
     physics_steps: int = Field(
         default=1, ge=1, le=10, description="physics steps of 1 ms per service step"
     )

@@ -71,7 +71,7 @@ class Plant:
         self.trial: Trial | None = None
         if self.config.task:
             task = find_task(self.config.task)
-            self.trial = Trial(task, self.model, self.data, self.addresses)
+            self.trial = Trial(task, self.model, self.data, self.addresses, self.config.task_spread)
             self.view = self.trial.view
         else:
             scene = self.config.scene

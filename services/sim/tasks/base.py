@@ -203,6 +203,27 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
+class Draw:
+    """Draws the numbers of a start.
+
+    Attributes:
+        rng: source of randomness.
+        width: factor on what they vary by.
+    """
+
+    rng: np.random.Generator
+    width: float = 1.0
+
+    def normal(self, mean: float, deviation: float) -> float:
+        """Draw from a normal distribution that is cut off at 2.5 standard deviations."""
+        return mean + self.width * deviation * float(np.clip(self.rng.normal(), -2.5, 2.5))
+
+    def uniform(self, mean: float, half: float) -> float:
+        """Draw uniformly from ``mean`` ± ``half``."""
+        return mean + self.width * half * float(self.rng.uniform(-1.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
 class Task:
     """A scored task.
 
@@ -230,7 +251,7 @@ class Task:
     goal: str
     rule: str
     limit: float
-    start: Callable[[np.random.Generator], Start]
+    start: Callable[[Draw], Start]
     stages: tuple[Stage, ...]
     marks: Mapping[str, Pose]
     failures: tuple[FailureCondition, ...] = ()
@@ -245,16 +266,6 @@ class Task:
     def links(self) -> dict[str, str]:
         """Delay of the task's own link by the link's name; empty: none."""
         return {"command": self.link} if self.link else {}
-
-
-def normal(rng: np.random.Generator, mean: float, deviation: float) -> float:
-    """Draw from a normal distribution that is cut off at 2.5 standard deviations."""
-    return mean + deviation * float(np.clip(rng.normal(), -2.5, 2.5))
-
-
-def spread(rng: np.random.Generator, mean: float, half: float) -> float:
-    """Draw uniformly from ``mean`` ± ``half``."""
-    return mean + half * float(rng.uniform(-1.0, 1.0))
 
 
 def free_joint(x: float, y: float, z: float, yaw: float = 0.0) -> tuple[float, ...]:

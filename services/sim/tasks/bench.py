@@ -2,14 +2,13 @@
 
 import math
 
-import numpy as np
-
 from common.robot.pose import Pose
 from common.robot.rotations import wrap_angle
 from services.sim.scenes.bench import HAMMER_JOINT, HAMMER_REST, HANGER, PUSH_GOAL, PUSH_LANE
 from services.sim.scenes.cart import BAR_OFFSET, CART_JOINTS, TRAY_HALF, TRAY_HEIGHT
 from services.sim.tasks.base import (
     HAND,
+    Draw,
     FailureCondition,
     Snapshot,
     Stage,
@@ -17,8 +16,6 @@ from services.sim.tasks.base import (
     Task,
     contact_pairs,
     free_joint,
-    normal,
-    spread,
 )
 
 JOINTS = CART_JOINTS
@@ -39,10 +36,10 @@ WALK_GOAL_RADIUS = 0.1
 WALK_GOAL_YAW = math.radians(10.0)
 
 
-def _walk_start(rng: np.random.Generator) -> Start:
-    x, y = normal(rng, WALK_GOAL[0] - 1.0, 0.1), normal(rng, WALK_GOAL[1], 0.2)
-    yaw = normal(rng, 0.0, 0.2)
-    cart = cart_at(spread(rng, PUSH_START[0], 0.015), spread(rng, PUSH_START[1], 0.02), 0.0)
+def _walk_start(draw: Draw) -> Start:
+    x, y = draw.normal(WALK_GOAL[0] - 1.0, 0.1), draw.normal(WALK_GOAL[1], 0.2)
+    yaw = draw.normal(0.0, 0.2)
+    cart = cart_at(draw.uniform(PUSH_START[0], 0.015), draw.uniform(PUSH_START[1], 0.02), 0.0)
     return Start(x, y, yaw, cart)
 
 
@@ -86,16 +83,16 @@ HAMMER_STANDING = 0.32
 """Height of the head above the tray when the hammer stands on its handle [m]."""
 
 
-def _hammer_start(rng: np.random.Generator) -> Start:
-    hammer = (spread(rng, HANGER[0], 0.01), spread(rng, HANGER[1], 0.01))
-    cart = (spread(rng, HAMMER_CART_PLACE[0], 0.01), spread(rng, HAMMER_CART_PLACE[1], 0.01))
+def _hammer_start(draw: Draw) -> Start:
+    hammer = (draw.uniform(HANGER[0], 0.01), draw.uniform(HANGER[1], 0.01))
+    cart = (draw.uniform(HAMMER_CART_PLACE[0], 0.01), draw.uniform(HAMMER_CART_PLACE[1], 0.01))
     return Start(
-        spread(rng, 0.0, 0.015),
-        spread(rng, 0.0, 0.02),
-        spread(rng, 0.0, 0.05),
+        draw.uniform(0.0, 0.015),
+        draw.uniform(0.0, 0.02),
+        draw.uniform(0.0, 0.05),
         {
             HAMMER_JOINT: free_joint(*hammer, HAMMER_REST),
-            **cart_at(*cart, math.pi + spread(rng, 0.0, 0.02)),
+            **cart_at(*cart, math.pi + draw.uniform(0.0, 0.02)),
         },
     )
 
@@ -156,10 +153,10 @@ PUSH_TURNED = math.radians(15.0)
 PUSH_REST_SPEED = 0.02
 
 
-def _push_start(rng: np.random.Generator) -> Start:
-    cart = cart_at(spread(rng, PUSH_START[0], 0.015), spread(rng, PUSH_START[1], 0.02), 0.0)
+def _push_start(draw: Draw) -> Start:
+    cart = cart_at(draw.uniform(PUSH_START[0], 0.015), draw.uniform(PUSH_START[1], 0.02), 0.0)
     return Start(
-        spread(rng, 0.0, 0.015), spread(rng, PUSH_LANE, 0.02), spread(rng, 0.0, 0.05), cart
+        draw.uniform(0.0, 0.015), draw.uniform(PUSH_LANE, 0.02), draw.uniform(0.0, 0.05), cart
     )
 
 

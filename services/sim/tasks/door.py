@@ -2,18 +2,16 @@
 
 import math
 
-import numpy as np
-
 from common.robot.pose import Pose
 from services.sim.scenes.door import LATCH_RATIO, LATCH_REACH
 from services.sim.tasks.base import (
     HAND,
+    Draw,
     Snapshot,
     Stage,
     Start,
     Task,
     contact_pairs,
-    normal,
 )
 
 OBJECTS = ("leaf", "lever", "lever_grip")
@@ -39,8 +37,8 @@ WALK_CORRIDOR = 0.3
 """Largest |y| beyond the goal, so that the robot is still in front of the door [m]."""
 
 
-def _walk_start(rng: np.random.Generator) -> Start:
-    return Start(normal(rng, -0.5, 0.1), normal(rng, 0.0, 0.2), normal(rng, 0.0, 0.2))
+def _walk_start(draw: Draw) -> Start:
+    return Start(draw.normal(-0.5, 0.1), draw.normal(0.0, 0.2), draw.normal(0.0, 0.2))
 
 
 def _walk_distance(snapshot: Snapshot) -> float:
@@ -80,8 +78,8 @@ UNLOCK_PRESSED = LATCH_RATIO.value * LATCH_REACH.value
 """Lever angle at which the bolt is clear of the strike [rad]."""
 
 
-def _unlock_start(rng: np.random.Generator) -> Start:
-    return Start(normal(rng, 0.22, 0.01), normal(rng, 0.05, 0.02), normal(rng, 0.05, 0.07))
+def _unlock_start(draw: Draw) -> Start:
+    return Start(draw.normal(0.22, 0.01), draw.normal(0.05, 0.02), draw.normal(0.05, 0.07))
 
 
 UNLOCK = Task(
@@ -110,9 +108,9 @@ PUSH_THROUGH = 1.2
 PUSH_LANE = 0.35
 
 
-def _push_start(rng: np.random.Generator) -> Start:
-    x, y, yaw = normal(rng, 0.22, 0.01), normal(rng, 0.05, 0.02), normal(rng, 0.05, 0.07)
-    return Start(x, y, yaw, {"door_hinge": (max(normal(rng, 0.1, 0.025), 0.08),)})
+def _push_start(draw: Draw) -> Start:
+    x, y, yaw = draw.normal(0.22, 0.01), draw.normal(0.05, 0.02), draw.normal(0.05, 0.07)
+    return Start(x, y, yaw, {"door_hinge": (max(draw.normal(0.1, 0.025), 0.08),)})
 
 
 def _push_at_threshold(now: Snapshot) -> bool:

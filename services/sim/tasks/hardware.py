@@ -16,6 +16,7 @@ from services.sim.scenes.tool import (
 )
 from services.sim.tasks.base import (
     HAND,
+    Draw,
     FailureCondition,
     Snapshot,
     Stage,
@@ -23,7 +24,6 @@ from services.sim.tasks.base import (
     Task,
     contact_pairs,
     free_joint,
-    spread,
 )
 
 NOISE = TYPICAL_NOISE
@@ -34,16 +34,16 @@ LINK = "paper"
 TOOL_REST_SPEED = 0.05
 
 
-def _tool_start(rng: np.random.Generator) -> Start:
-    tool = (spread(rng, TOOL_PLACE[0], 0.01), spread(rng, TOOL_PLACE[1], 0.015))
-    box = (spread(rng, BOX_PLACE[0], 0.01), spread(rng, BOX_PLACE[1], 0.01))
+def _tool_start(draw: Draw) -> Start:
+    tool = (draw.uniform(TOOL_PLACE[0], 0.01), draw.uniform(TOOL_PLACE[1], 0.015))
+    box = (draw.uniform(BOX_PLACE[0], 0.01), draw.uniform(BOX_PLACE[1], 0.01))
     return Start(
-        spread(rng, 0.0, 0.015),
-        spread(rng, 0.0, 0.02),
-        spread(rng, 0.0, 0.05),
+        draw.uniform(0.0, 0.015),
+        draw.uniform(0.0, 0.02),
+        draw.uniform(0.0, 0.05),
         {
-            TOOL_JOINT: free_joint(*tool, TABLE_TOP, spread(rng, 0.0, 0.2)),
-            BOX_JOINT: free_joint(*box, TABLE_TOP, spread(rng, 0.0, 0.05)),
+            TOOL_JOINT: free_joint(*tool, TABLE_TOP, draw.uniform(0.0, 0.2)),
+            BOX_JOINT: free_joint(*box, TABLE_TOP, draw.uniform(0.0, 0.05)),
         },
     )
 
@@ -100,12 +100,12 @@ CAP_OFF = 0.035
 """Distance of the cap's edge from the can's shoulder, past the end of the neck [m]."""
 
 
-def _cap_start(rng: np.random.Generator) -> Start:
-    x, y = spread(rng, CAN_PLACE[0], 0.01), spread(rng, CAN_PLACE[1], 0.01)
+def _cap_start(draw: Draw) -> Start:
+    x, y = draw.uniform(CAN_PLACE[0], 0.01), draw.uniform(CAN_PLACE[1], 0.01)
     return Start(
-        spread(rng, 0.0, 0.015),
-        spread(rng, 0.0, 0.02),
-        spread(rng, 0.0, 0.05),
+        draw.uniform(0.0, 0.015),
+        draw.uniform(0.0, 0.02),
+        draw.uniform(0.0, 0.05),
         {
             CAN_JOINT: free_joint(x, y, CAN_REST),
             CAP_JOINT: free_joint(x, y, CAN_REST + CAN_HEIGHT),

@@ -21,7 +21,7 @@ from common.wire.builder import assembler
 from services.sim.errors import TaskError
 from services.sim.model.contacts import foot_normal_forces
 from services.sim.model.world import Addresses
-from services.sim.tasks.base import BodyState, Snapshot, Task
+from services.sim.tasks.base import BodyState, Draw, Snapshot, Task
 from services.sim.tasks.contacts import ContactSensor
 from services.sim.tasks.judge import Judge
 
@@ -156,8 +156,12 @@ class Trial:
         seed: of the start of the trial in progress.
     """
 
-    def __init__(self, task: Task, model: Any, data: Any, addresses: Addresses) -> None:
+    def __init__(
+        self, task: Task, model: Any, data: Any, addresses: Addresses, spread: float = 1.0
+    ) -> None:
+        """Begin the trial of seed 0; ``spread`` is a factor on what starts vary by."""
         self.task = task
+        self._spread = spread
         self.view = SceneView(model, data, addresses, task.scene, task)
         self._data, self._addresses = data, addresses
         self._contacts = ContactSensor(model, data)
@@ -172,7 +176,8 @@ class Trial:
         self.judge = Judge(self.task)
         self._contacts.read()
         self._steps = 0
-        start = self.task.start(np.random.default_rng((seed, _START_STREAM)))
+        rng = np.random.default_rng((seed, _START_STREAM))
+        start = self.task.start(Draw(rng, self._spread))
         qpos, half = self._data.qpos, 0.5 * start.yaw
         qpos[:2] = start.x, start.y
         qpos[3:7] = np.cos(half), 0.0, 0.0, np.sin(half)

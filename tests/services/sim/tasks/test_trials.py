@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from common.schemas import TaskVerdict
+from lab.trials.spec import TrialSpec
+from lab.trials.stack import TaskStack
 from services.sim.scenes.bench import GRIP_BELOW, PUSH_GOAL, PUSH_LANE
 from services.sim.scenes.cap import CAN_GRIP_HEIGHT
 from services.sim.scenes.cart import TRAY_HEIGHT
@@ -39,6 +41,19 @@ def test_starts_touch_nothing_and_lie_still(task: str) -> None:
         assert shop.verdict is TaskVerdict.RUNNING
         starts.add(shop.data.qpos.tobytes())
     assert len(starts) == 25
+
+
+def test_starts_vary_by_a_factor_around_the_same_means() -> None:
+    """As the plant that a trial is run with, and no wider or narrower than told."""
+    places = []
+    for factor in (0.0, 1.0, 3.0):
+        settings = TrialSpec(task="door/unlock", seed=5, task_spread=factor)
+        data = TaskStack(settings).plant.plant.data
+        places.append(data.qpos[:2].copy())
+    mean, usual, wide = places
+    assert mean == pytest.approx([0.22, 0.05], abs=1e-12)
+    assert np.abs(usual - mean).min() > 1e-3
+    assert wide - mean == pytest.approx(3.0 * (usual - mean), abs=1e-12)
 
 
 def test_the_same_seed_is_the_same_start() -> None:
