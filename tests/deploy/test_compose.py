@@ -305,7 +305,8 @@ def test_the_build_context_has_what_the_package_is_made_of_and_little_else() -> 
     packages = wheel["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
     kept = {rule[1:] for rule in rules if rule.startswith("!")}
     project = wheel["project"]
-    assert kept == {*packages, "pyproject.toml", project["readme"], *project["license-files"]}
+    build = {"pyproject.toml", "hatch_build.py"}
+    assert kept == {*packages, *build, project["readme"], *project["license-files"]}
     # The dependencies' stage makes empty packages of the same names.
     assert any(
         f"for name in {' '.join(sorted(packages))};" in line for line in image("router").lines
