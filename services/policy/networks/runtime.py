@@ -1,5 +1,6 @@
 """Run a network in service: arrays in, arrays out."""
 
+from hashlib import blake2b
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +15,23 @@ from services.policy.processor.pictures import Picture
 from services.policy.processor.processor import Decision
 
 Memory = NDArray[np.float32]
+_KEPT = 64
+"""Pictures of which it is remembered what the network sees in them; a window has fewer."""
 
 
 class TorchRuntime:
     """Runs frames through a network with torch.
 
-    It keeps nothing between two calls: the memory comes and goes with each. How many threads torch
-    takes is the process's to say; beside a simulator it should be one.
+    The memory comes and goes with each call. What is kept is only what the network sees in the last
+    pictures, by their content: a policy that looks back asks about most of them again, and to look
+    takes most of the time. How many threads torch takes is the process's to say; beside a simulator
+    it should be one.
     """
 
     def __init__(self, network: PolicyNetwork, device: str = "cpu") -> None:
         self._network = network.to(device).eval()
         self._device = device
+        self._seen: dict[bytes, torch.Tensor] = {}
 
     def run(
         self, observations: NDArray[np.float32], pictures: Picture, memory: Memory
@@ -45,10 +51,25 @@ class TorchRuntime:
                 self._tensor(pictures)[None],
                 self._tensor(memory)[:, :, None],
                 last,
+                self._look(pictures)[None],
             )
             parts = self._network.decide(outputs)
             hands, grasp, gait = (part[0, 0].float().cpu().numpy() for part in parts)
             return Decision(hands, grasp, gait), after[:, :, 0].cpu().numpy()
+
+    def _look(self, pictures: Picture) -> torch.Tensor:
+        """Return what the network sees in the pictures of t frames, (t, m) features."""
+        keys = [blake2b(frame.tobytes(), digest_size=16).digest() for frame in pictures]
+        new = {
+            key: frame for key, frame in zip(keys, pictures, strict=True) if key not in self._seen
+        }
+        if new:
+            features = self._network.look(self._tensor(np.stack(list(new.values())))[None])[0]
+            self._seen.update(zip(new, features, strict=True))
+        found = torch.stack([self._seen[key] for key in keys])
+        for key in list(self._seen)[:-_KEPT]:
+            del self._seen[key]
+        return found
 
     def warm_up(self, frames: int) -> None:
         """Run ``frames`` empty frames, so that the first real ones take no longer than others."""

@@ -78,6 +78,32 @@ def test_a_sequence_and_its_single_steps_agree(kind: str, changes: dict[str, Any
     np.testing.assert_allclose(decision.gait.sum(), 1.0, atol=1e-6)
 
 
+def test_a_picture_in_many_windows_is_looked_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    policy = made(small("trill")).eval()
+    observation, pictures = inputs(policy.config, frames=80)
+    zero = np.zeros(policy.config.memory_shape, dtype=np.float32)
+    looked: list[int] = []
+
+    def look(views: Any) -> Any:
+        looked.append(views.shape[1])
+        return PolicyNetwork.look(policy, views)
+
+    runtime = TorchRuntime(policy)
+    monkeypatch.setattr(policy, "look", look)
+    for end in (4, 9, 9, 80):
+        window = slice(max(0, end - 8), end)
+        decision, memory = runtime.run(
+            observation[0, window].numpy(), pictures[0, window].numpy(), zero
+        )
+        with torch.no_grad():
+            seen = PolicyNetwork.look(policy, pictures[:, window])
+            outputs, after = policy(observation[:, window], pictures[:, window], seen=seen)
+            expected = policy.decide(outputs)
+        np.testing.assert_allclose(decision.hands, expected[0][0, -1].numpy(), atol=2e-6)
+        np.testing.assert_allclose(memory, after[:, :, 0].numpy(), atol=2e-6)
+    assert looked == [4, 5, 8]
+
+
 def test_what_a_recurrent_policy_saw_changes_what_it_does_and_a_reactive_one_forgets() -> None:
     for kind, remembers in (("trill", True), ("bc-rnn", True), ("bc", False)):
         config = small(kind)
