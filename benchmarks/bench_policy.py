@@ -28,6 +28,8 @@ from services.policy.serving.config import WINDOW
 from services.policy.serving.observer import decoded
 
 _BLAS_THREADS = "OPENBLAS_NUM_THREADS"
+EXECUTED = 5
+"""Frames from one answer of a policy of chunks to the next."""
 CAMERA = (400, 300)
 """Width and height of the cameras' pictures [pixels]."""
 
@@ -57,7 +59,15 @@ def answer_of(config: PolicySettings, frames: int, device: str) -> Callable[[], 
     pictures = rng.integers(0, 255, shape, dtype=np.uint8)
     observations = rng.normal(size=(frames, inputs.width)).astype(np.float32)
     memory = np.zeros(config.memory_shape, dtype=np.float32)
-    return lambda: runtime.run(observations, pictures, memory)
+    new = min(frames, EXECUTED)
+
+    def answer() -> object:
+        # The robot has seen so many pictures since the last answer.
+        pictures[:] = np.roll(pictures, -new, axis=0)
+        pictures[-new:] += 1
+        return runtime.run(observations, pictures, memory)
+
+    return answer
 
 
 def pictures_of(size: tuple[int, int]) -> Callable[[], object]:
