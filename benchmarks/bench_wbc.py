@@ -57,7 +57,7 @@ def main() -> int:
     print(f"ticks per solver: {sum(len(m.seconds) for m in meters[SOLVERS[0]])}")
     fastest, typical = max(speeds), float(np.median(speeds))
     print(
-        f"sim-time without cameras, osqp, one core: {typical:.1f} × real time "
+        f"sim-time without cameras, default solver, one core: {typical:.1f} × real time "
         f"(median of {rounds}; best {fastest:.1f})"
     )
     return 0

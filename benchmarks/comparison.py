@@ -64,7 +64,7 @@ class Row:
 ROWS = (
     Row(
         "time",
-        "simulated time, walking, no cameras, OSQP [× real time]",
+        "simulated time, walking, no cameras [× real time]",
         "walking.speed",
         more=True,
         must=Bound(1.7),
