@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="",
         metavar="NAMES",
         help="objects or numbers of the scene that it is told or estimates, with commas "
-        "(door/unlock: lever_grip,door_hinge,door_lever; other tasks: all)",
+        "(door/unlock: lever_grip,door_hinge,door_lever; walking: goal; other tasks: all)",
     )
     length = parser.add_argument_group("length")
     length.add_argument(
@@ -146,18 +146,19 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
     """Return the settings that the options mean."""
-    from lab.learning.training.recipes import SCENES, recipe
+    from lab.learning.training.recipes import SCENES, VIEWS, recipe
     from lab.learning.training.truth import TruthReader
 
     scene: tuple[str, ...] = ()
     if arguments.inputs != "blind":
         wanted = tuple(name.strip() for name in arguments.scene.split(",") if name.strip())
         scene = TruthReader(arguments.task).names(wanted or SCENES.get(arguments.task, ()))
-    training = {"seed": arguments.seed, "minutes": arguments.minutes}
+    views = VIEWS.get(arguments.task, {})
+    training = {"seed": arguments.seed, "minutes": arguments.minutes, "views": views}
     if arguments.steps is not None:
         training["steps"] = arguments.steps
     if arguments.pretrain_views is not None:
-        training["views"] = {"count": arguments.pretrain_views}
+        training["views"] = views | {"count": arguments.pretrain_views}
     changes: Mapping[str, Any] = {"training": training}
     for text in arguments.set:
         changes = overlaid(changes, _setting(text))

@@ -103,6 +103,8 @@ def _heat_loss(heats: list[Tensor], points: Tensor) -> Tensor:
         height, width = heat.shape[2:]
         seen = points[:, i, : heat.shape[1]]
         inside = (seen.abs() <= 1.0).all(dim=-1)
+        # What is behind the camera is nowhere; its gradient must not be, too.
+        seen = seen.nan_to_num()
         if not bool(inside.any()):
             continue
         size = torch.tensor((width, height), device=heat.device)

@@ -15,8 +15,17 @@ Inputs = Literal["pictures", "scene", "blind"]
 """What a policy knows of the scene: its pictures, the simulator's numbers, or nothing."""
 SCENES: Final[dict[str, tuple[str, ...]]] = {
     "door/unlock": ("lever_grip", "door_hinge", "door_lever"),
+    "door/walk": ("goal",),
+    "bench/walk": ("goal",),
 }
 """Objects and joints that are enough to know for a task; of other tasks a policy is told all."""
+_WALKING: Final[dict[str, Any]] = {"along": 0.05, "across": 0.06, "yaw": 0.1, "steps": 1000}
+VIEWS: Final[dict[str, dict[str, Any]]] = {
+    # Wherever a walk may end, between the places where those of the demonstrations ended.
+    "door/walk": {"landmarks": ("lever_grip",), **_WALKING},
+    "bench/walk": {"landmarks": ("cart_bar",), **_WALKING},
+}
+"""Of which views the encoder learns for a task, where the defaults do not do."""
 RecipeName = Literal["paper", "chunks"]
 """``paper`` reproduces; ``chunks`` is this project's own, see :data:`_CHUNKS`."""
 
@@ -105,7 +114,10 @@ def recipe(
         given = {"estimated": scene}
     preset = _CHUNKS if name == "chunks" else _PAPER[profile]
     tables: dict[str, Any] = {"policy": base.model_dump(), "training": {}}
-    for layer in (preset, {"policy": {"inputs": given}}, changes or {}):
+    gaits: dict[str, Any] = {}
+    if name == "chunks" and "gait_network" in CONFIGS[kind].model_fields:
+        gaits = {"gait_network": {}}
+    for layer in (preset, {"policy": {"inputs": given} | gaits}, changes or {}):
         tables = overlaid(tables, layer)
     try:
         return Recipe(

@@ -17,6 +17,7 @@ from lab.learning.training.demonstrations import (
 )
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
+from lab.learning.training.gaits import train_gaits
 from lab.learning.training.learner import Learner
 from lab.learning.training.loop import run_steps
 from lab.learning.training.pictures import read_pictures
@@ -31,6 +32,7 @@ from services.policy.checkpoint.manifest import Origin
 from services.policy.kinds import network as new_network
 from services.policy.networks.policy import PolicyNetwork
 from services.policy.processor.processor import ESTIMATED, Processor
+from services.policy.trill.network import TrillNetwork
 
 PACKAGES = ("torch", "safetensors", "numpy", "h5py", "mujoco")
 """Packages whose versions can change what is learned."""
@@ -81,15 +83,17 @@ def train(job: Job) -> Progress:
         scene = None
         if policy.inputs.estimated:
             scene = _estimate(job, folder, network, processor, (learned, held_out))
+        windows = _windows(job, processor, learned), _windows(job, processor, held_out)
+        spreads = observation_spread(processor, config.noise), scene
+        _learn_gaits(job, network, windows, spreads)
         learner = Learner(network, config, job.device)
         origin = _origin(job.task, demonstrations, len(learned))
         return run_steps(
             learner,
             folder,
             config,
-            _windows(job, processor, learned),
-            _windows(job, processor, held_out),
-            (observation_spread(processor, config.noise), scene),
+            windows,
+            spreads,
             lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
         )
 
@@ -155,6 +159,33 @@ def _estimate(
         parameter.requires_grad_(False)
     constant = config.noise.estimate * np.array(error)
     return Spread(constant, 0.5 * constant)
+
+
+def _learn_gaits(
+    job: Job,
+    network: PolicyNetwork,
+    windows: tuple[Windows, Windows],
+    spreads: tuple[Spread, Spread | None],
+) -> None:
+    """Train the gaits' own network and freeze it, if there is one.
+
+    It is learned anew when a training goes on, to the same weights: that takes seconds.
+    """
+    if not isinstance(network, TrillNetwork) or network.gait_network is None:
+        return
+    config = job.recipe.training
+    with ProgressBar("gaits", config.gaits.steps) as bar:
+        terms = train_gaits(
+            network.gait_network.to(job.device),
+            *windows,
+            spreads,
+            config,
+            lambda step, loss: bar.show(step, text=f"loss {loss:.3f}"),
+        )
+        found = ", ".join(f"{name} {value:.3f}" for name, value in terms.items())
+        bar.say(f"gaits: loss on held-out episodes {found}")
+    for parameter in network.gait_network.parameters():
+        parameter.requires_grad_(False)
 
 
 def _views(

@@ -47,3 +47,14 @@ def test_it_finds_a_square_in_views_that_it_has_not_seen() -> None:
     for name, tensor in policy.state_dict().items():
         if not name.startswith(("encoders", "estimator")):
             assert torch.equal(tensor, before[name]), name
+
+
+def test_what_is_behind_a_camera_spoils_nothing() -> None:
+    policy, learned = network(POLICY), views(40, 0)
+    learned.points[::3] = np.nan
+    learned.points[1, 0] = (0.0, 7.0)
+    config = TrainingConfig(views=ViewsConfig(steps=2, batch=16))
+    statistics = Statistics.of(learned.labels, 1e-3)
+    train_estimator(policy, learned, statistics, config, torch.device("cpu"))
+    for name, tensor in policy.state_dict().items():
+        assert bool(torch.isfinite(tensor).all()), name

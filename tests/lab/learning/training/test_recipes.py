@@ -3,9 +3,11 @@
 import pytest
 
 from common.errors import ConfigError
-from lab.learning.training.recipes import recipe
+from lab.learning.training.config import ViewsConfig
+from lab.learning.training.recipes import SCENES, VIEWS, recipe
+from lab.learning.training.truth import TruthReader
 from services.policy.configuration import ChunkConfig, DifferenceConfig
-from services.policy.trill.configuration import TrillConfig
+from services.policy.trill.configuration import GaitNetworkConfig, TrillConfig
 
 NAMES = ("lever_grip.x", "door_hinge")
 
@@ -26,6 +28,24 @@ def test_every_kind_has_every_recipe_and_profile(kind: str) -> None:
             assert policy.inputs.cameras == ("left", "right")
             assert isinstance(policy.actions, ChunkConfig) == (name == "chunks")
             assert policy.inputs.estimated == (NAMES if name == "chunks" else ())
+
+
+def test_the_gaits_have_a_network_of_their_own_where_they_have_outputs_of_their_own() -> None:
+    policy, _ = recipe("trill", "cpu", "chunks", "pictures", NAMES)
+    assert isinstance(policy, TrillConfig)
+    assert policy.gait_network == GaitNetworkConfig()
+    paper, _ = recipe("trill", "cpu", "paper", "pictures", NAMES)
+    assert isinstance(paper, TrillConfig)
+    assert paper.gait_network is None
+
+
+@pytest.mark.parametrize("task", SCENES | VIEWS)
+def test_what_is_known_of_a_task_is_in_its_scene(task: str) -> None:
+    reader = TruthReader(task)
+    wanted = (*SCENES.get(task, ()), *VIEWS.get(task, {}).get("landmarks", ()))
+    assert {name.rpartition(".")[0] or name for name in reader.names(wanted)} == set(wanted)
+    for name, value in VIEWS.get(task, {}).items():
+        assert getattr(ViewsConfig(**VIEWS[task]), name) == value
 
 
 def test_inputs_decide_what_is_known_of_the_scene() -> None:
