@@ -32,7 +32,7 @@ COMMANDS = (
     Command("train", "train a policy on demonstrations", "lab.cli.train:ACTION"),
     Command("dataset", "export demonstrations to lerobot or robomimic", "lab.cli.dataset:ACTION"),
     Command("eval", "evaluate a policy in a scored task", "lab.cli.eval:ACTION"),
-    Command("study", "study latency, and table policies", "lab.cli.study:ACTION"),
+    Command("study", "study latency, and compare policies", "lab.cli.study:ACTION"),
     Command("report", "sum up a recorded run again", "lab.cli.report:ACTION"),
     Command("replay", "run a log's services again, or publish the log", "lab.cli.replay:ACTION"),
     Command("export", "convert a log for viewers", "lab.cli.export:EXPORT_ACTION"),
