@@ -34,6 +34,8 @@ RATE = 300.0
 PATIENCE = 50
 """Messages that are refused before a page is sent away."""
 START_TIMEOUT = 10.0
+LOWEST_PRIORITY = 1
+"""Of real-time scheduling."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self'; connect-src 'self'; worker-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -89,8 +91,10 @@ class WebServer:
         self._loop.close()
 
     def _run(self) -> None:
-        # Pages must not compete with the loops that balance the robot.
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        # Below the loops that balance the robot, but above everything else: whoever is not let run
+        # while it has the interpreter's lock holds up the operator's loop.
+        if os.sched_getscheduler(0) == os.SCHED_FIFO:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(LOWEST_PRIORITY))
         self._loop.run_forever()
 
     async def _listen(self) -> None:
@@ -271,6 +275,7 @@ def _encoded(picture: Picture) -> bytes:
     waited = 1e-9 * (time.monotonic_ns() - picture.at_ns)
     header = {
         "number": picture.number,
+        "stamp": picture.stamp,
         "neck": round(picture.neck, 5),
         "age": round(1e3 * (picture.age + waited), 2),
     }

@@ -21,7 +21,7 @@ export function whatItDoes({ robot }) {
   if (robot.fallen) return ["FALLEN", "bad"];
   if (robot.paused) return ["paused", "warn"];
   if (robot.gait) return [`${robot.gait} ${Math.round(100 * robot.progress)} %`, "good"];
-  return [robot.state.toLowerCase(), robot.guard === "ACTIVE" ? "good" : "warn"];
+  return [robot.state.toLowerCase().replaceAll("_", " "), robot.guard === "ACTIVE" ? "good" : "warn"];
 }
 
 /** The most important thing that the person has to know now. */
@@ -47,7 +47,7 @@ export function show(status) {
   list("gaits", operator.gaits);
   const hand = ({ closure, error }) => `${Math.round(100 * closure)} % closed, off by ${(1000 * error).toFixed(0)} mm`;
   facts([
-    ["controller", robot.state ? `${robot.state}, ${robot.completed} gaits done` : "not heard"],
+    ["controller", robot.state ? `${robot.state.toLowerCase().replaceAll("_", " ")}, ${robot.completed} gaits done` : "not heard"],
     ["plant", robot.guard ? `${robot.guard}, pace ${robot.pace.toFixed(2)}` : "not heard"],
     ["left hand", hand(hands.left)],
     ["right hand", hand(hands.right)],

@@ -1,5 +1,6 @@
 """People at pages: what their browsers and headsets would send, and a bench for the operator."""
 
+import json
 from typing import Any
 
 from common.topics import TELEOP_GAIT, TELEOP_SETPOINT
@@ -76,8 +77,6 @@ class Person:
 
 
 def parse_dict(values: dict[str, Any]) -> Incoming:
-    import json
-
     return parse(json.dumps(values))
 
 
