@@ -16,6 +16,7 @@ COMMANDS = (
     Command("demo", "run a script or a task and report", "lab.cli.system:DEMO_ACTION"),
     Command("drive", "control the robot with your keys", "lab.cli.system:DRIVE_ACTION"),
     Command("up", "start the robot without an operator", "lab.cli.system:UP_ACTION"),
+    Command("teleop", "operate the robot by browser or headset", "lab.cli.teleop:ACTION"),
     Command("top", "show the live table of a running system", "lab.cli.top:ACTION"),
     Command("stop", "stop the robot: motors limp at once", "lab.cli.plant:STOP_ACTION"),
     Command("resume", "end an emergency stop", "lab.cli.plant:RESUME_ACTION"),
