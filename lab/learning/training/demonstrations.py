@@ -50,7 +50,10 @@ class Demonstration:
 
 
 def read_demonstrations(
-    root: Path, task: str, advance: Callable[[], None] = lambda: None
+    root: Path,
+    task: str,
+    advance: Callable[[], None] = lambda: None,
+    count: int | None = None,
 ) -> list[Demonstration]:
     """Return the successful episodes of a data set, by seed.
 
@@ -58,13 +61,16 @@ def read_demonstrations(
         root: folder of the data set.
         task: that the episodes have to be of.
         advance: called after each file.
+        count: how many, the first by seed; None: all.
 
     Raises:
-        TrainingError: there is no data set, it is of another task, or has no success.
+        TrainingError: there is no data set, it is of another task, or has too few successes.
         EpisodeError: a file is damaged.
     """
-    found = []
+    found: list[Demonstration] = []
     for path in episode_files(root):
+        if len(found) == count:
+            break
         with open_episode(path) as episode:
             meta = episode.meta
             if meta.task != task:
@@ -78,10 +84,11 @@ def read_demonstrations(
                 digest = hashlib.sha256(path.read_bytes()).hexdigest()
                 found.append(Demonstration(path, meta, arrays, digest))
         advance()
-    if len(found) < 2:
+    if len(found) < (count or 2):
+        wanted = f"{count}" if count else "at least two, one to learn from and one held out,"
         raise TrainingError(
-            f"expected at least two successful episodes in {root}, one to learn from and one held "
-            f"out, got {len(found)}; collect more with `trill collect {task}`"
+            f"expected {wanted} successful episodes in {root}, got {len(found)}; collect more with "
+            f"`trill collect {task}`"
         )
     return found
 

@@ -103,12 +103,11 @@ def _heat_loss(heats: list[Tensor], points: Tensor) -> Tensor:
         height, width = heat.shape[2:]
         seen = points[:, i, : heat.shape[1]]
         inside = (seen.abs() <= 1.0).all(dim=-1)
-        # What is behind the camera is nowhere; its gradient must not be, too.
-        seen = seen.nan_to_num()
         if not bool(inside.any()):
             continue
         size = torch.tensor((width, height), device=heat.device)
-        at = (seen + 1.0) * size / 2.0 - 0.5
+        # Where an object is behind the camera: NaN times no gradient is NaN.
+        at = (seen.nan_to_num() + 1.0) * size / 2.0 - 0.5
         x = torch.arange(width, device=heat.device) - at[..., 0, None]
         y = torch.arange(height, device=heat.device) - at[..., 1, None]
         squares = x.square()[..., None, :] + y.square()[..., :, None]

@@ -16,9 +16,18 @@ Inputs = Literal["pictures", "scene", "blind"]
 SCENES: Final[dict[str, tuple[str, ...]]] = {
     "door/unlock": ("lever_grip", "door_hinge", "door_lever"),
     "door/walk": ("goal",),
+    "door/push": (
+        *("lever_grip.x", "lever_grip.y", "lever_grip.z"),
+        *("goal.x", "goal.y", "goal.sin_yaw", "door_hinge"),
+    ),
     "bench/walk": ("goal",),
+    "bench/push": (
+        *("cart_bar.x", "cart_bar.y", "cart_bar.z", "cart_bar.sin_yaw"),
+        *("goal.x", "goal.y"),
+    ),
 }
-"""Objects and joints that are enough to know for a task; of other tasks a policy is told all."""
+"""What is enough to know for a task: objects, joints or single numbers; of other tasks a policy is
+told all."""
 _WALKING: Final[dict[str, Any]] = {"along": 0.05, "across": 0.06, "yaw": 0.1, "steps": 1000}
 VIEWS: Final[dict[str, dict[str, Any]]] = {
     # Wherever a walk may end, between the places where those of the demonstrations ended.
@@ -46,6 +55,10 @@ _CHUNKS: Final[dict[str, Any]] = {
     "policy": {
         "inputs": {"joint_state": False, "gripper_closure": True, "previous_setpoint": True},
         "actions": {"kind": "chunks"},
+        # With more Gaussians a network does not learn when a hand begins to move: it gives either
+        # case a Gaussian, at the cost of a few nats in a chunk of hundreds of numbers, and follows
+        # the likelier one, which rests. With narrower ones it learns the hands' last millimetre.
+        "mixture": {"modes": 1, "minimum_std": 0.1},
         "loss": {"hazard_frames": 8},
     },
     "training": {

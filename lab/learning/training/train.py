@@ -16,10 +16,11 @@ from lab.learning.training.demonstrations import (
     read_demonstrations,
 )
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
+from lab.learning.training.estimator_key import estimator_key
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
 from lab.learning.training.gaits import train_gaits
 from lab.learning.training.learner import Learner
-from lab.learning.training.loop import run_steps
+from lab.learning.training.loop import part_done, run_steps
 from lab.learning.training.pictures import read_pictures
 from lab.learning.training.recipes import Recipe
 from lab.learning.training.truth import TruthReader
@@ -50,6 +51,7 @@ class Job:
         out: folder of the training.
         recipe: settings of policy and training.
         device: of torch, for instance ``cuda``.
+        episodes: how many successful demonstrations it has, the first by seed; None: all.
     """
 
     task: str
@@ -57,6 +59,7 @@ class Job:
     out: Path
     recipe: Recipe
     device: torch.device
+    episodes: int | None = None
 
 
 def train(job: Job) -> Progress:
@@ -70,11 +73,13 @@ def train(job: Job) -> Progress:
         RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
     """
     policy, config = job.recipe
-    with ProgressBar("reading", len(episode_files(job.data))) as bar:
-        demonstrations = read_demonstrations(job.data, job.task, bar.advance)
+    with ProgressBar("reading", job.episodes or len(episode_files(job.data))) as bar:
+        demonstrations = read_demonstrations(job.data, job.task, bar.advance, job.episodes)
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
     with locked_folder(job.out, TrainingError):
         folder.begin(TrainingFile.of(job.task, digest, policy, config))
+        if part_done(config, there := folder.progress()) >= 1.0:
+            return there
         learned, held_out = divide(demonstrations, config.held_out, config.seed)
         _tell_scene(job, demonstrations)
         processor = Processor.fit(policy, [d.arrays for d in learned])
@@ -82,7 +87,8 @@ def train(job: Job) -> Progress:
         network = new_network(policy)
         scene = None
         if policy.inputs.estimated:
-            scene = _estimate(job, folder, network, processor, (learned, held_out))
+            key = estimator_key(job.task, digest, policy, config, job.device)
+            scene = _estimate(job, folder, key, network, processor, (learned, held_out))
         windows = _windows(job, processor, learned), _windows(job, processor, held_out)
         spreads = observation_spread(processor, config.noise), scene
         _learn_gaits(job, network, windows, spreads)
@@ -128,6 +134,7 @@ def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstrat
 def _estimate(
     job: Job,
     folder: TrainingFolder,
+    key: str,
     network: PolicyNetwork,
     processor: Processor,
     parts: tuple[Sequence[Demonstration], Sequence[Demonstration]],
@@ -138,7 +145,7 @@ def _estimate(
     """
     config, estimating = job.recipe.training, estimating_parts(network)
     assert processor.scene is not None
-    error = folder.load_estimator(estimating)
+    error = folder.load_estimator(estimating, key)
     if error is None:
         learned, held_out = _views(job, *parts)
         with ProgressBar("estimator", config.views.steps) as bar:
@@ -154,7 +161,7 @@ def _estimate(
             wrong = np.square(found - processor.scene.normalise(held_out.labels))
             error = np.sqrt(wrong.mean(axis=0)).tolist()
             bar.say(_in_words(processor, error))
-        folder.save_estimator(estimating, error)
+        folder.save_estimator(estimating, error, key)
     for parameter in estimating.parameters():
         parameter.requires_grad_(False)
     constant = config.noise.estimate * np.array(error)
