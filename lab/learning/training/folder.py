@@ -8,7 +8,6 @@
     checkpoints/000800       a checkpoint, named by its step
     best, last               links to checkpoints: of the least held-out loss, and the newest
 
-XX
 Nothing in it is ever unpickled.
 """
 
