@@ -11,8 +11,8 @@ class GaitNetworkConfig(StrictModel):
     """Trigger and type of gait have a network of their own, which sees one frame at a time.
 
     A demonstration has hundreds of set-points and a handful of requests. In a network that they
-    share the set-points decide what is looked at; and one with a memory learns how long the
-    demonstrator waited, so that it never asks once it has waited longer.
+    share, the set-points decide what is looked at, and with a memory the requests are soon learned
+    by heart.
     """
 
     layers: tuple[Annotated[int, Field(ge=1)], ...] = Field(

@@ -134,7 +134,8 @@ def test_gaits_with_a_network_of_their_own_are_decided_by_this_frame_alone() -> 
             changed[0, frame, column] += 3.0
         with torch.no_grad():
             outputs, _ = policy(changed, pictures, seen=seen, at=torch.tensor([5]))
-            return policy.decide(outputs)[::2]
+            hands, _, gait = policy.decide(outputs)
+            return hands, gait
 
     hands, gait = decided(5, len(observation[0, 0]) - 1)
     for frame, column, same in [
