@@ -164,9 +164,9 @@ def _report(results: Sequence[Path], out: Path) -> int:
             setting = comparison.setting or PUBLISHED
             for what in ("kinds", "ablations"):
                 name = "-".join((what, *setting.replace(",", "").split())) + ".png"
-                if draw_success(
-                    out / name, f"{what}, {setting}", comparison.tasks, getattr(comparison, what)
-                ):
+                title = f"{what.capitalize()}: {setting}"
+                columns = getattr(comparison, what)
+                if draw_success(out / name, title, comparison.tasks, columns):
                     written.append(name)
         if draw_sizes(out / "sizes.png", rows_of(records)):
             written.append("sizes.png")

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
 _COLOURS = ("#c08a2b", "#3f8f5f", "#2b6cb0", "#b5473c", "#6b4fa0", "#2a9d9d", "#a0527e", "#5b4636")
 _MARKERS = "osD^vP"
-_GROUP = 0.8
-"""Part of the distance between two tasks that their bars take."""
+_GROUP, _WIDEST = 0.8, 0.2
+"""Parts of the distance between two tasks: of all bars of a task at most, and of one."""
 
 
 def draw_success(path: Path, title: str, tasks: Sequence[str], columns: Sequence[Column]) -> bool:
@@ -32,29 +32,31 @@ def draw_success(path: Path, title: str, tasks: Sequence[str], columns: Sequence
     Raises:
         ConfigError: matplotlib is not installed.
     """
-    drawn = [column for column in columns if column.rows]
+    # A policy has the same colour whether the others were evaluated or not.
+    drawn = [(colour, column) for colour, column in enumerate(columns) if column.rows]
     if not drawn:
         return False
-    figure = new_figure(320 + 70 * len(tasks) * max(len(drawn), 2), 400)
+    figure = new_figure(max(640, 320 + 60 * len(tasks) * len(drawn)), 420)
     axes = figure.subplots()
-    width = _GROUP / len(drawn)
-    for number, column in enumerate(drawn):
+    width = min(_WIDEST, _GROUP / len(drawn))
+    for number, (colour, column) in enumerate(drawn):
         at = {t: i + width * (number - (len(drawn) - 1) / 2) for i, t in enumerate(tasks)}
         mine = [row for task, row in column.rows.items() if task in at]
         places = [at[row.task] for row in mine]
         axes.bar(
             places, [100 * row.success.share for row in mine], 0.9 * width,
-            color=_COLOURS[number % len(_COLOURS)], label=column.head,
+            color=_COLOURS[colour % len(_COLOURS)], label=column.head,
         )  # fmt: skip
         axes.errorbar(places, **_shares(mine), fmt="none", ecolor="#333333", capsize=3)
         said = [task for task in tasks if task in column.paper]
         axes.plot(
             [at[task] for task in said], [column.paper[task].success for task in said],
             linestyle="none", marker="D", color="white", markeredgecolor="black", markersize=7,
-            label="_" if number else "paper",
+            label="paper" if said else "_",
         )  # fmt: skip
     axes.set_title(title, fontsize=11)
     axes.set_xticks(range(len(tasks)), tasks)
+    axes.set_xlim(-0.6, len(tasks) - 0.4)
     axes.set_ylabel("success [%], 95 % (Wilson)")
     axes.set_ylim(0.0, 104.0)
     axes.grid(axis="y", color=GRID_COLOUR, linewidth=0.7)
@@ -126,7 +128,7 @@ def _finish(figure: "Figure", path: Path) -> None:
         drawn, labels = axes.get_legend_handles_labels()
         handles |= dict(zip(labels, drawn, strict=True))
     figure.legend(
-        list(handles.values()), list(handles), loc="outside lower center", ncols=4, fontsize=8,
+        list(handles.values()), list(handles), loc="outside lower center", ncols=3, fontsize=8,
         frameon=False,
     )  # fmt: skip
     figure.savefig(path, dpi=1.5 * DPI)
