@@ -13,6 +13,7 @@ from lab.learning.training.demonstrations import (
     digest_of,
     divide,
     episode_files,
+    in_words,
     read_demonstrations,
 )
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
@@ -21,7 +22,7 @@ from lab.learning.training.learner import Learner
 from lab.learning.training.loop import run_steps
 from lab.learning.training.pictures import read_pictures
 from lab.learning.training.recipes import Recipe
-from lab.learning.training.truth import TruthReader
+from lab.learning.training.truth import TRUTH, TruthReader
 from lab.learning.training.views import Views, render_views
 from lab.learning.training.windows import Spread, Windows, observation_spread
 from lab.progress import ProgressBar
@@ -44,14 +45,14 @@ class Job:
 
     Attributes:
         task: of the demonstrations.
-        data: folder of the data set.
+        data: folders of the data sets.
         out: folder of the training.
         recipe: settings of policy and training.
         device: of torch, for instance ``cuda``.
     """
 
     task: str
-    data: Path
+    data: tuple[Path, ...]
     out: Path
     recipe: Recipe
     device: torch.device
@@ -68,8 +69,14 @@ def train(job: Job) -> Progress:
         RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
     """
     policy, config = job.recipe
-    with ProgressBar("reading", len(episode_files(job.data))) as bar:
-        demonstrations = read_demonstrations(job.data, job.task, bar.advance)
+    with ProgressBar("reading", sum(len(episode_files(root)) for root in job.data)) as bar:
+        demonstrations = read_demonstrations(
+            job.data,
+            job.task,
+            policy_frames=config.interventions.policy_frames,
+            advance=bar.advance,
+        )
+        bar.say(f"learning from {in_words(demonstrations)}")
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
     with locked_folder(job.out, TrainingError):
         folder.begin(TrainingFile.of(job.task, digest, policy, config))
@@ -82,7 +89,7 @@ def train(job: Job) -> Progress:
         if policy.inputs.estimated:
             scene = _estimate(job, folder, network, processor, (learned, held_out))
         learner = Learner(network, config, job.device)
-        origin = _origin(job.task, demonstrations, len(learned))
+        origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
             folder,
@@ -100,6 +107,13 @@ def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
     columns = {"scene": inputs.scene, ESTIMATED: inputs.estimated}
     if not any(columns.values()):
         return
+    for demonstration in demonstrations:
+        if not demonstration.arrays[TRUTH[-1]].size:
+            raise TrainingError(
+                f"{demonstration.path} has no ground truth, by which a policy could be told the "
+                "scene or learn to estimate it; train with --recipe paper or --inputs blind, or "
+                "without this data set"
+            )
     reader = TruthReader(job.task)
     with ProgressBar("scene", len(demonstrations)) as bar:
         for demonstration in demonstrations:
