@@ -63,6 +63,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help=f"a data set ({DATASETS}/<task>); again for each further one",
     )
+    add(
+        "--episodes",
+        type=options.count,
+        metavar="N",
+        help="learn from the first N successes of each, by seed (all)",
+    )
     add("--out", type=Path, metavar="DIR", help=f"the training ({POLICIES}/<task>-<options>)")
     add("--policy", choices=["trill", "bc-rnn", "bc"], default="trill", help="the network (trill)")
     add("--profile", choices=["cpu", "paper"], default="cpu", help="its size (cpu)")
@@ -140,12 +146,10 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(f"torch cannot use --device {arguments.device}: {reason}") from error
-    task = arguments.task.replace("/", "-")
-    chosen = (arguments.policy, arguments.profile, arguments.recipe, arguments.inputs)
-    out = arguments.out or POLICIES / "-".join((task, *chosen))
+    data = tuple(arguments.data or [DATASETS / folder_name(arguments.task)])
+    out = arguments.out or POLICIES / training_name(arguments)
     try:
-        data = tuple(arguments.data or [DATASETS / task])
-        done = train(Job(arguments.task, data, out, recipe, device))
+        done = train(Job(arguments.task, data, out, recipe, device, arguments.episodes))
     except KeyboardInterrupt:
         print(f"\nstopped; {out} is kept: the same command continues it", file=sys.stderr)
         raise
@@ -153,6 +157,18 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     for name in (LAST, BEST)[: 1 + (done.best_step != done.step)]:
         print(f"evaluate it: trill eval {out / name}")
     return 0
+
+
+def training_name(arguments: argparse.Namespace) -> str:
+    """Return the name of a training's folder, unless it is given."""
+    chosen = (arguments.policy, arguments.profile, arguments.recipe, arguments.inputs)
+    size = [str(arguments.episodes)] if arguments.episodes else []
+    return "-".join((folder_name(arguments.task), *chosen, *size))
+
+
+def folder_name(task: str) -> str:
+    """Return the name of a task's data set, unless it is given."""
+    return task.replace("/", "-")
 
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":

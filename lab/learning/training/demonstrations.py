@@ -62,6 +62,7 @@ def read_demonstrations(
     task: str,
     *,
     policy_frames: bool = False,
+    count: int | None = None,
     advance: Callable[[], None] = lambda: None,
 ) -> list[Demonstration]:
     """Return what the successful episodes of data sets show, in the order of the sets and seeds.
@@ -70,24 +71,17 @@ def read_demonstrations(
         roots: folders of the data sets.
         task: that the episodes have to be of.
         policy_frames: whether what policies did is shown, too.
+        count: how many of each data set, the first by seed; None: all.
         advance: called after each file.
 
     Raises:
-        TrainingError: there is no data set, one is of another task, or there are no two episodes to
-            be learned from.
+        TrainingError: there is no data set, one is of another task, or has too few successes to be
+            learned from.
         EpisodeError: a file is damaged.
     """
-    found = []
-    for path in (path for root in roots for path in episode_files(root)):
-        with open_episode(path) as episode:
-            if episode.meta.task != task:
-                raise TrainingError(
-                    f"expected demonstrations of {task} in {path.parent.parent}, got one of "
-                    f"{episode.meta.task}; give its own data set with --data"
-                )
-            if episode.meta.success:
-                found += _shown(path, episode, policy_frames)
-        advance()
+    found: list[Demonstration] = []
+    for root in roots:
+        found += _of_one(root, task, policy_frames, count, advance)
     episodes = len({d.path for d in found})
     if episodes < 2:
         places = ", ".join(map(str, roots))
@@ -95,6 +89,37 @@ def read_demonstrations(
             f"expected at least two successful episodes in {places}, one to learn from and one "
             f"held out, got {episodes}; collect more with `trill collect {task}`"
             + ("" if policy_frames else "; what a policy does alone does not count")
+        )
+    return found
+
+
+def _of_one(
+    root: Path,
+    task: str,
+    policy_frames: bool,
+    count: int | None,
+    advance: Callable[[], None],
+) -> list[Demonstration]:
+    """Return what the first successful episodes of one data set show, by seed."""
+    found: list[Demonstration] = []
+    successes = 0
+    for path in episode_files(root):
+        if successes == count:
+            break
+        with open_episode(path) as episode:
+            if episode.meta.task != task:
+                raise TrainingError(
+                    f"expected demonstrations of {task} in {root}, got one of "
+                    f"{episode.meta.task}; give its own data set with --data"
+                )
+            if episode.meta.success:
+                successes += 1
+                found += _shown(path, episode, policy_frames)
+        advance()
+    if successes < (count or 0):
+        raise TrainingError(
+            f"expected {count} successful episodes in {root}, got {successes}; collect more with "
+            f"`trill collect {task}`"
         )
     return found
 

@@ -17,9 +17,10 @@ from lab.learning.training.demonstrations import (
     read_demonstrations,
 )
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
+from lab.learning.training.estimator_key import estimator_key
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
 from lab.learning.training.learner import Learner
-from lab.learning.training.loop import run_steps
+from lab.learning.training.loop import part_done, run_steps
 from lab.learning.training.pictures import read_pictures
 from lab.learning.training.recipes import Recipe
 from lab.learning.training.truth import TRUTH, TruthReader
@@ -49,6 +50,7 @@ class Job:
         out: folder of the training.
         recipe: settings of policy and training.
         device: of torch, for instance ``cuda``.
+        episodes: how many successful demonstrations it has, the first by seed; None: all.
     """
 
     task: str
@@ -56,6 +58,7 @@ class Job:
     out: Path
     recipe: Recipe
     device: torch.device
+    episodes: int | None = None
 
 
 def train(job: Job) -> Progress:
@@ -69,17 +72,21 @@ def train(job: Job) -> Progress:
         RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
     """
     policy, config = job.recipe
-    with ProgressBar("reading", sum(len(episode_files(root)) for root in job.data)) as bar:
+    files = sum(job.episodes or len(episode_files(root)) for root in job.data)
+    with ProgressBar("reading", files) as bar:
         demonstrations = read_demonstrations(
             job.data,
             job.task,
             policy_frames=config.interventions.policy_frames,
+            count=job.episodes,
             advance=bar.advance,
         )
         bar.say(f"learning from {in_words(demonstrations)}")
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
     with locked_folder(job.out, TrainingError):
         folder.begin(TrainingFile.of(job.task, digest, policy, config))
+        if part_done(config, there := folder.progress()) >= 1.0:
+            return there
         learned, held_out = divide(demonstrations, config.held_out, config.seed)
         _tell_scene(job, demonstrations)
         processor = Processor.fit(policy, [d.arrays for d in learned])
@@ -87,7 +94,8 @@ def train(job: Job) -> Progress:
         network = new_network(policy)
         scene = None
         if policy.inputs.estimated:
-            scene = _estimate(job, folder, network, processor, (learned, held_out))
+            key = estimator_key(job.task, digest, policy, config, job.device)
+            scene = _estimate(job, folder, key, network, processor, (learned, held_out))
         learner = Learner(network, config, job.device)
         origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
@@ -138,6 +146,7 @@ def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstrat
 def _estimate(
     job: Job,
     folder: TrainingFolder,
+    key: str,
     network: PolicyNetwork,
     processor: Processor,
     parts: tuple[Sequence[Demonstration], Sequence[Demonstration]],
@@ -148,7 +157,7 @@ def _estimate(
     """
     config, estimating = job.recipe.training, estimating_parts(network)
     assert processor.scene is not None
-    error = folder.load_estimator(estimating)
+    error = folder.load_estimator(estimating, key)
     if error is None:
         learned, held_out = _views(job, *parts)
         with ProgressBar("estimator", config.views.steps) as bar:
@@ -164,7 +173,7 @@ def _estimate(
             wrong = np.square(found - processor.scene.normalise(held_out.labels))
             error = np.sqrt(wrong.mean(axis=0)).tolist()
             bar.say(_in_words(processor, error))
-        folder.save_estimator(estimating, error)
+        folder.save_estimator(estimating, error, key)
     for parameter in estimating.parameters():
         parameter.requires_grad_(False)
     constant = config.noise.estimate * np.array(error)

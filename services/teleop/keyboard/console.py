@@ -130,7 +130,7 @@ class Console:
         self._pressed = (None, -math.inf)
         command = binding.command
         if _moves_robot(command) and not self.claimant.has_robot:
-            self.notice = self._ask_for(command, binding.help, now)
+            self.ask_for(binding.help, now, command)
             return []
         self.notice = binding.help
         return self._act(command, now, Header(stamp=stamp))
@@ -165,18 +165,33 @@ class Console:
         self._waiting.clear()
         return [output for each in commands for output in self._act(each, now, Header(stamp=stamp))]
 
-    def _ask_for(self, command: Command, name: str, now: float) -> str:
-        """Ask for the robot to carry out a command, if that takes it from nobody; say so."""
+    def ask_for(self, name: str, now: float, command: Command | None = None) -> bool:
+        """Ask for the robot for an act of the person, if that takes it from nobody; say so.
+
+        Args:
+            name: of the act.
+            now: operator's time [s].
+            command: carried out when the robot is granted; None: nothing is.
+
+        Returns:
+            whether the robot was asked for.
+        """
+        claimant = self.claimant
         if self.stopped:
-            return f"{name}: not sent, the robot is stopped; b b ends the stop"
-        if self.claimant.asked is None and self.claimant.authority is None:
-            return f"{name}: not sent, {self.claimant.waits_for()}"
-        if self.claimant.asked is None and self.claimant.holder:
-            return f"{name}: not sent, {self.claimant.holder} has the robot; Enter takes it"
-        if self.claimant.asked is None:
-            self.claimant.ask(now)
-        self._waiting.append(command)
-        return f"{name}: asking for the robot"
+            why = "the robot is stopped; b b ends the stop"
+        elif claimant.asked is None and claimant.authority is None:
+            why = claimant.waits_for()
+        elif claimant.asked is None and claimant.holder:
+            why = f"{claimant.holder} has the robot; Enter takes it"
+        else:
+            if claimant.asked is None:
+                claimant.ask(now)
+            if command is not None:
+                self._waiting.append(command)
+            self.notice = f"{name}: asking for the robot"
+            return True
+        self.notice = f"{name}: not sent, {why}"
+        return False
 
     def update_requests(self, replies: Iterable[GaitReply], now: float) -> None:
         """Update the sent requests with replies; replies to other operators are ignored."""
