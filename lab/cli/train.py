@@ -83,8 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scene",
         default="",
         metavar="NAMES",
-        help="objects or numbers of the scene that it is told or estimates, with commas "
-        "(door/unlock: lever_grip,door_hinge,door_lever; other tasks: all)",
+        help="objects or numbers of the scene that it is told or estimates, with commas (those of "
+        "the task, for instance lever_grip,door_hinge,door_lever of door/unlock; else all)",
     )
     length = parser.add_argument_group("length")
     length.add_argument(

@@ -183,8 +183,8 @@ class ChunkConfig(StrictModel):
     steps: int = Field(default=20, ge=1, description="set-points in a chunk, 20 a second")
     active_time: bool = Field(
         default=True,
-        description="the label is the next moving frames, so that the pauses of the "
-        "demonstrations are not learned",
+        description="the label is the next frames in which a hand or gripper moves or the robot "
+        "walks, so that the pauses of the demonstrations are not learned",
     )
 
     @property
