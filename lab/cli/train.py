@@ -32,6 +32,9 @@ things of the scene are, with the simulator's answers, which a real robot does n
 in a minute what can be reached when nothing has to be seen. --inputs blind tells it nothing, which
 every other result should be compared with.
 
+Several --data are learned from together. Of an episode in which an operator took over from a policy
+only what the operator did is learned, unless training.interventions says otherwise.
+
 A training may be stopped or killed at any moment; the same command continues it, and with --steps
 it learns the same as without the break. A falling loss is no evidence that a policy succeeds:
 evaluate `best` and `last`.
@@ -45,6 +48,7 @@ EXAMPLES = f"""examples:
   trill train door/unlock --policy bc --recipe paper --minutes 5
   trill train door/unlock --recipe paper --set policy.inputs.joint_state=false
   trill train door/unlock --data {DATASETS}/late --out {POLICIES}/late
+  trill train door/unlock --data {DATASETS}/door-unlock --data {DATASETS}/door-unlock-interventions
 """
 
 
@@ -52,12 +56,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill train``."""
     add = parser.add_argument
     add("task", help="name of the task, as door/unlock; trill tasks lists them")
-    add("--data", type=Path, metavar="DIR", help=f"the data set ({DATASETS}/<task>)")
+    add(
+        "--data",
+        type=Path,
+        action="append",
+        metavar="DIR",
+        help=f"a data set ({DATASETS}/<task>); again for each further one",
+    )
     add(
         "--episodes",
         type=options.count,
         metavar="N",
-        help="learn from its first N successes, by seed (all)",
+        help="learn from the first N successes of each, by seed (all)",
     )
     add("--out", type=Path, metavar="DIR", help=f"the training ({POLICIES}/<task>-<options>)")
     add("--policy", choices=["trill", "bc-rnn", "bc"], default="trill", help="the network (trill)")
@@ -136,7 +146,7 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(f"torch cannot use --device {arguments.device}: {reason}") from error
-    data = arguments.data or DATASETS / folder_name(arguments.task)
+    data = tuple(arguments.data or [DATASETS / folder_name(arguments.task)])
     out = arguments.out or POLICIES / training_name(arguments)
     try:
         done = train(Job(arguments.task, data, out, recipe, device, arguments.episodes))
@@ -163,24 +173,29 @@ def folder_name(task: str) -> str:
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
     """Return the settings that the options mean."""
-    from lab.learning.training.recipes import SCENES, VIEWS, recipe
+    from lab.learning.training.recipes import SCENES, recipe
     from lab.learning.training.truth import TruthReader
 
     scene: tuple[str, ...] = ()
     if arguments.inputs != "blind":
         wanted = tuple(name.strip() for name in arguments.scene.split(",") if name.strip())
         scene = TruthReader(arguments.task).names(wanted or SCENES.get(arguments.task, ()))
-    views = VIEWS.get(arguments.task, {})
-    training = {"seed": arguments.seed, "minutes": arguments.minutes, "views": views}
+    training = {"seed": arguments.seed, "minutes": arguments.minutes}
     if arguments.steps is not None:
         training["steps"] = arguments.steps
     if arguments.pretrain_views is not None:
-        training["views"] = views | {"count": arguments.pretrain_views}
+        training["views"] = {"count": arguments.pretrain_views}
     changes: Mapping[str, Any] = {"training": training}
     for text in arguments.set:
         changes = overlaid(changes, _setting(text))
     return recipe(
-        arguments.policy, arguments.profile, arguments.recipe, arguments.inputs, scene, changes
+        arguments.policy,
+        arguments.profile,
+        arguments.recipe,
+        arguments.inputs,
+        scene,
+        arguments.task,
+        changes,
     )
 
 

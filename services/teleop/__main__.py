@@ -16,7 +16,7 @@ from common.schemas import Gait
 from common.tables import validated
 from services.teleop.headset.config import PACKAGES, add_page_options, page_config
 from services.teleop.headset.service import HeadsetOperator
-from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.keyboard.screen import help_lines
 from services.teleop.keyboard.service import KeyboardOperator
 from services.teleop.keyboard.terminal import Terminal
@@ -132,6 +132,12 @@ def _synthetic_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait for a reset of the plant after the task instead of ending",
     )
+    group.add_argument(
+        "--take-over",
+        type=_seconds,
+        metavar="S",
+        help="let a policy begin, and take over from it when the robot has not moved for so long",
+    )
 
 
 def _keyboard_arguments(parser: argparse.ArgumentParser) -> None:
@@ -180,6 +186,7 @@ def build_synthetic(arguments: argparse.Namespace) -> SyntheticOperator:
     """
     given = {"task": arguments.task, "seed": arguments.seed, "stay": arguments.stay or None}
     given["traits"] = TRAITS[arguments.traits].model_dump() if arguments.traits else None
+    given["take_over"] = {"stalled": arguments.take_over} if arguments.take_over else None
     options = {name: value for name, value in given.items() if value is not None}
     arguments.settings = {**arguments.settings, **options}
     return SyntheticOperator(validated(SyntheticConfig, arguments.settings))

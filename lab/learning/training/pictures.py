@@ -53,7 +53,8 @@ def read_pictures(
                     f"{demonstration.path} has no pictures, which the policy sees; collect without "
                     "--no-images, or train with --inputs scene or --inputs blind"
                 )
-            for frame in range(demonstration.frames):
+            first = demonstration.first
+            for frame in range(first, first + demonstration.frames):
                 for i, camera in enumerate(cameras):
                     whole = episode.picture(camera, frame)
                     pictures[at, i] = scale_picture(whole, inputs.picture_size)

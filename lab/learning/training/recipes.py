@@ -28,13 +28,6 @@ SCENES: Final[dict[str, tuple[str, ...]]] = {
 }
 """What is enough to know for a task: objects, joints or single numbers; of other tasks a policy is
 told all."""
-_WALKING: Final[dict[str, Any]] = {"along": 0.05, "across": 0.06, "yaw": 0.1, "steps": 1000}
-VIEWS: Final[dict[str, dict[str, Any]]] = {
-    # Wherever a walk may end, between the places where those of the demonstrations ended.
-    "door/walk": {"landmarks": ("lever_grip",), **_WALKING},
-    "bench/walk": {"landmarks": ("cart_bar",), **_WALKING},
-}
-"""Of which views the encoder learns for a task, where the defaults do not do."""
 RecipeName = Literal["paper", "chunks"]
 """``paper`` reproduces; ``chunks`` is this project's own, see :data:`_CHUNKS`."""
 
@@ -82,6 +75,13 @@ _CHUNKS: Final[dict[str, Any]] = {
 }
 """Chunks of absolute set-points in active time, noise on the inputs, the gait trigger as a hazard,
 and, from pictures, an encoder that first learns where things are from rendered views."""
+LANDMARKS: Final[dict[str, tuple[str, ...]]] = {
+    "door/walk": ("lever_grip",),
+    "bench/walk": ("cart_bar",),
+}
+"""Tasks of walking alone, and what is in sight there: the place to be reached is not."""
+_WALKING_VIEWS: Final[dict[str, Any]] = {"along": 0.05, "across": 0.06, "yaw": 0.1, "steps": 1000}
+"""Wherever a gait may end, between the places where those of the demonstrations ended."""
 _PAPER: Final[dict[Profile, dict[str, Any]]] = {
     "paper": {"training": {"steps": 320_000, "validate_every": 10_000}},
     # Smaller and briefer, and with a rate to match; everything else as in the paper.
@@ -102,6 +102,7 @@ def recipe(
     name: RecipeName,
     inputs: Inputs,
     scene: tuple[str, ...] = (),
+    task: str = "",
     changes: Mapping[str, Any] | None = None,
 ) -> Recipe:
     """Return the settings of a training.
@@ -112,6 +113,7 @@ def recipe(
         name: of the recipe.
         inputs: what the policy knows of the scene.
         scene: names of the scene's numbers, which it is told or estimates.
+        task: that it learns; with ``chunks`` tasks of walking have settings of their own.
         changes: laid over the preset: ``{"policy": {...}, "training": {...}}``.
 
     Raises:
@@ -127,10 +129,13 @@ def recipe(
         given = {"estimated": scene}
     preset = _CHUNKS if name == "chunks" else _PAPER[profile]
     tables: dict[str, Any] = {"policy": base.model_dump(), "training": {}}
-    gaits: dict[str, Any] = {}
-    if name == "chunks" and "gait_network" in CONFIGS[kind].model_fields:
-        gaits = {"gait_network": {}}
-    for layer in (preset, {"policy": {"inputs": given} | gaits}, changes or {}):
+    walking: dict[str, Any] = {}
+    if name == "chunks" and task in LANDMARKS:
+        views = {"landmarks": LANDMARKS[task], **_WALKING_VIEWS}
+        walking = {"training": {"views": views}}
+        if "gait_network" in CONFIGS[kind].model_fields:
+            walking["policy"] = {"gait_network": {}}
+    for layer in (preset, walking, {"policy": {"inputs": given}}, changes or {}):
         tables = overlaid(tables, layer)
     try:
         return Recipe(

@@ -13,6 +13,7 @@ from lab.learning.training.demonstrations import (
     digest_of,
     divide,
     episode_files,
+    in_words,
     read_demonstrations,
 )
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
@@ -23,7 +24,7 @@ from lab.learning.training.learner import Learner
 from lab.learning.training.loop import part_done, run_steps
 from lab.learning.training.pictures import read_pictures
 from lab.learning.training.recipes import Recipe
-from lab.learning.training.truth import TruthReader
+from lab.learning.training.truth import TRUTH, TruthReader
 from lab.learning.training.views import Views, render_views
 from lab.learning.training.windows import Spread, Windows, observation_spread
 from lab.progress import ProgressBar
@@ -47,7 +48,7 @@ class Job:
 
     Attributes:
         task: of the demonstrations.
-        data: folder of the data set.
+        data: folders of the data sets.
         out: folder of the training.
         recipe: settings of policy and training.
         device: of torch, for instance ``cuda``.
@@ -55,7 +56,7 @@ class Job:
     """
 
     task: str
-    data: Path
+    data: tuple[Path, ...]
     out: Path
     recipe: Recipe
     device: torch.device
@@ -73,8 +74,16 @@ def train(job: Job) -> Progress:
         RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
     """
     policy, config = job.recipe
-    with ProgressBar("reading", job.episodes or len(episode_files(job.data))) as bar:
-        demonstrations = read_demonstrations(job.data, job.task, bar.advance, job.episodes)
+    files = sum(job.episodes or len(episode_files(root)) for root in job.data)
+    with ProgressBar("reading", files) as bar:
+        demonstrations = read_demonstrations(
+            job.data,
+            job.task,
+            policy_frames=config.interventions.policy_frames,
+            count=job.episodes,
+            advance=bar.advance,
+        )
+        bar.say(f"learning from {in_words(demonstrations)}")
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
     with locked_folder(job.out, TrainingError):
         folder.begin(TrainingFile.of(job.task, digest, policy, config))
@@ -93,7 +102,7 @@ def train(job: Job) -> Progress:
         spreads = observation_spread(processor, config.noise), scene
         _learn_gaits(job, network, windows, spreads)
         learner = Learner(network, config, job.device)
-        origin = _origin(job.task, demonstrations, len(learned))
+        origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
             folder,
@@ -110,6 +119,13 @@ def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
     columns = {"scene": inputs.scene, ESTIMATED: inputs.estimated}
     if not any(columns.values()):
         return
+    for demonstration in demonstrations:
+        if not demonstration.arrays[TRUTH[-1]].size:
+            raise TrainingError(
+                f"{demonstration.path} has no ground truth, by which a policy could be told the "
+                "scene or learn to estimate it; train with --recipe paper or --inputs blind, or "
+                "without this data set"
+            )
     reader = TruthReader(job.task)
     with ProgressBar("scene", len(demonstrations)) as bar:
         for demonstration in demonstrations:

@@ -131,6 +131,9 @@ class Windows:
         lengths = [len(targets.gait) for targets in found]
         self._last = np.repeat(np.cumsum(lengths) - 1, lengths)
         self._first = np.cumsum([0, *lengths[:-1]])
+        helped = np.concatenate([np.asarray(arrays["intervention"]) for arrays in episodes])
+        self._kinds = [np.flatnonzero(helped), np.flatnonzero(~helped)]
+        """Frames of interventions, and all others."""
         self._scene = None
         if processor.scene is not None:
             shown = np.concatenate([np.asarray(arrays[ESTIMATED]) for arrays in episodes])
@@ -148,7 +151,7 @@ class Windows:
     ) -> Batch:
         """Return ``count`` random windows with noise on what is observed."""
         config = self._config
-        starts = rng.integers(len(self), size=count)
+        starts = self._starts(rng, count)
         kept = config.loss_frames or config.window
         at = np.sort(rng.permutation(config.window)[:kept])
         batch = self._batch(starts, at, rng if config.shift else None)
@@ -157,6 +160,15 @@ class Windows:
         if batch.seen is not None and scene is not None:
             batch.seen.add_(torch.from_numpy(scene.draw(rng, *shape)))
         return batch
+
+    def _starts(self, rng: np.random.Generator, count: int) -> Array:
+        """Return the first frames of random windows."""
+        share = self._config.interventions.share
+        if share is None or not all(map(len, self._kinds)):
+            return rng.integers(len(self), size=count)
+        helped = rng.binomial(count, share)
+        parts = zip(self._kinds, (helped, count - helped), strict=True)
+        return np.concatenate([rng.choice(frames, size=size) for frames, size in parts])
 
     def in_balance(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
         """Return the frames whose gait is learned from, without noise, and the gait of each.

@@ -53,6 +53,7 @@ def walk(seed: int) -> dict[str, Any]:
         "observation/control_state": np.array(states, dtype=np.int64),
         "action/locomotion": np.array(gaits, dtype=np.int64),
         "scene": np.array(goals) + rng.normal(scale=0.01, size=2),
+        "intervention": np.zeros(len(states), dtype=np.bool_),
     }
 
 

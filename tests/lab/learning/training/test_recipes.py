@@ -4,7 +4,7 @@ import pytest
 
 from common.errors import ConfigError
 from lab.learning.training.config import ViewsConfig
-from lab.learning.training.recipes import VIEWS, recipe
+from lab.learning.training.recipes import LANDMARKS, recipe
 from lab.learning.training.truth import TruthReader
 from lab.learning.training.views import labelled_objects
 from services.policy.configuration import ChunkConfig, DifferenceConfig
@@ -31,19 +31,22 @@ def test_every_kind_has_every_recipe_and_profile(kind: str) -> None:
             assert policy.inputs.estimated == (NAMES if name == "chunks" else ())
 
 
-def test_the_gaits_have_a_network_of_their_own_where_they_have_outputs_of_their_own() -> None:
-    policy, _ = recipe("trill", "cpu", "chunks", "pictures", NAMES)
+@pytest.mark.parametrize("task", LANDMARKS)
+def test_a_task_of_walking_has_landmarks_and_a_network_for_the_gaits(task: str) -> None:
+    policy, training = recipe("trill", "cpu", "chunks", "pictures", NAMES, task)
     assert isinstance(policy, TrillConfig)
     assert policy.gait_network == GaitNetworkConfig()
-    paper, _ = recipe("trill", "cpu", "paper", "pictures", NAMES)
-    assert isinstance(paper, TrillConfig)
-    assert paper.gait_network is None
+    landmarks = list(training.views.landmarks)
+    assert labelled_objects(TruthReader(task).names(training.views.landmarks)) == landmarks
+    assert recipe("bc-rnn", "cpu", "chunks", "pictures", NAMES, task).training == training
 
 
-@pytest.mark.parametrize("task", VIEWS)
-def test_the_landmarks_of_a_task_are_in_its_scene(task: str) -> None:
-    views = ViewsConfig(**VIEWS[task])
-    assert labelled_objects(TruthReader(task).names(views.landmarks)) == list(views.landmarks)
+def test_what_was_published_and_other_tasks_are_as_they_were() -> None:
+    for name, task in (("paper", "door/walk"), ("chunks", "door/unlock")):
+        policy, training = recipe("trill", "cpu", name, "pictures", NAMES, task)
+        assert isinstance(policy, TrillConfig)
+        assert policy.gait_network is None
+        assert training.views == ViewsConfig()
 
 
 def test_inputs_decide_what_is_known_of_the_scene() -> None:

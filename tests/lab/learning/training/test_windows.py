@@ -29,7 +29,7 @@ POLICY = blind(
 @pytest.fixture(scope="module")
 def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstration]:
     data = dataset(tmp_path_factory.mktemp("data") / "set", 3, pictures=True)
-    return read_demonstrations(data, TASK)
+    return read_demonstrations([data], TASK)
 
 
 def windows(
