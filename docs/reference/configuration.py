@@ -19,7 +19,7 @@ from services.policy.serving.config import PolicyConfig
 from services.sim.config import SimConfig
 from services.sim.rendering.cameras import CameraConfig
 from services.teleop.headset.config import HeadsetConfig
-from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.scripted.script import Script
 from services.teleop.scripted.service import ScriptedConfig
 from services.teleop.synthetic.service import SyntheticConfig

@@ -16,7 +16,7 @@ from common.schemas import Gait
 from common.tables import validated
 from services.teleop.headset.config import PACKAGES, add_page_options, page_config
 from services.teleop.headset.service import HeadsetOperator
-from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.keyboard.screen import help_lines
 from services.teleop.keyboard.service import KeyboardOperator
 from services.teleop.keyboard.terminal import Terminal

@@ -8,8 +8,8 @@
     checkpoints/000800       a checkpoint, named by its step
     best, last               links to checkpoints: of the least held-out loss, and the newest
 
-XX
-Nothing in it is ever unpickled.
+Beside it, the folder ``estimators`` keeps those parts for trainings that would learn the same.
+Nothing is ever unpickled.
 """
 
 import json

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from common.tables import validated
 from services.teleop.headset.mapping import MapperConfig
-from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.keyboard.config import KeyboardConfig
 
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 """Addresses that only programs of this machine reach."""

@@ -20,6 +20,7 @@ from common.runtime.service import Output
 from common.schemas import DeviceInput, Gait, Setpoint
 from common.topics import TELEOP_DEVICE
 from services.teleop.headset.config import HeadsetConfig
+from services.teleop.headset.gestures import TakeGesture, engages, goes_down, stops
 from services.teleop.headset.hub import Event
 from services.teleop.headset.mapping import Button, HeadsetMapper
 from services.teleop.headset.protocol import Away, Drag, Incoming, Key, Punctuality, Sample, Shown
@@ -28,10 +29,6 @@ from services.teleop.keyboard.console import Console
 from services.teleop.keyboard.keymap import BY_KEY, KEYMAP, RequestGait, SelectHands, binding_of
 
 STOP, TAKE = BY_KEY["x"], BY_KEY["Enter"]
-STOP_CHORD = (Button.LEFT_UPPER, Button.LEFT_LOWER, Button.RIGHT_UPPER, Button.RIGHT_LOWER)
-"""Pressed together, they are the emergency stop: Y, X, B and A."""
-TAKE_AFTER = 1.0
-"""Time for which both triggers and clutches are held to take the robot from another [s]."""
 LONGEST_LOOK_NS = 1_000_000_000
 """A picture older than this is not what the person acts on [ns]."""
 GAIT_KEYS: Mapping[Gait, str] = {
@@ -63,12 +60,12 @@ class Page:
     punctuality: Punctuality = field(default_factory=Punctuality)
     device: DeviceInput | None = None
     fresh: bool = False
-    both_held_since: float | None = None
+    taking: TakeGesture = field(default_factory=TakeGesture)
 
     def saw(self, stamp: int) -> int:
         """Return the robot time of what the person saw [ns], at the robot time ``stamp`` [ns]."""
         # Neither pictures that have ceased nor those of an earlier robot are looked at.
-        return self.seen if 0 <= stamp - self.seen <= LONGEST_LOOK_NS else stamp
+        return self.seen if self.seen and 0 <= stamp - self.seen <= LONGEST_LOOK_NS else stamp
 
 
 @dataclass
@@ -138,6 +135,10 @@ class Driver:
         if isinstance(message, Key) and binding_of(message.key) is STOP:
             # Everybody's, and never too late.
             return self.console.press(message.key, moment.now, moment.stamp)
+        if isinstance(message, Away):
+            # A device that sleeps may stop the page's clock.
+            page.punctuality = Punctuality()
+            return []
         if lateness > self._config.silence:
             self.late += 1
             return []
@@ -266,11 +267,12 @@ class Driver:
         page = self.pages[number]
         device = sample.device_input(page.saw(moment.stamp))
         before, page.device, page.fresh = page.device, device, True
-        if _goes_down(before, device, STOP_CHORD):
+        if stops(before, device):
             stop = self.console.press("x", moment.now, moment.stamp)
             page.mapper.update(device, moment.now)
             return stop
-        clutch, pressed = self._acts(before, device)
+        clutch = engages(before, device, self._config.mapper.engage)
+        pressed = any(goes_down(before, device, (button,)) for button in Button)
         if (clutch or pressed) and self._sits(number, "clutch" if clutch else "button"):
             self._use_headset(page)
             if clutch:
@@ -279,7 +281,9 @@ class Driver:
         if self.page != number:
             return []
         outputs = [Output(TELEOP_DEVICE, device)]
-        if self._asks_to_take(page, device, moment.now):
+        claimant = self.console.claimant
+        wanted = not claimant.has_robot and claimant.asked is None
+        if page.taking.update(device if wanted else None, moment.now):
             outputs += self._press(number, "Enter", moment)
         for request in gaits:
             outputs += self._press(number, GAIT_KEYS[request.gait], moment)
@@ -289,32 +293,6 @@ class Driver:
         if not self.headset:
             page.mapper.adopt(self.console.targets.setpoint(0))
         self.headset = True
-
-    def _acts(self, before: DeviceInput | None, device: DeviceInput) -> tuple[bool, bool]:
-        """Return whether a clutch, and whether a gait button, went down with this sample."""
-        if before is None:
-            return False, False
-        engage = self._config.mapper.engage
-        clutch = any(
-            old.squeeze < engage <= new.squeeze
-            for old, new in ((before.left, device.left), (before.right, device.right))
-        )
-        return clutch, any(button.held(device) and not button.held(before) for button in Button)
-
-    def _asks_to_take(self, page: Page, device: DeviceInput, now: float) -> bool:
-        """Return whether the gesture that takes the robot from another operator is complete."""
-        grips = (device.left, device.right)
-        held = all(min(grip.squeeze, grip.trigger) >= self._config.mapper.engage for grip in grips)
-        claimant = self.console.claimant
-        if not held or claimant.has_robot or claimant.asked is not None:
-            page.both_held_since = None
-            return False
-        if page.both_held_since is None:
-            page.both_held_since = now
-        if now - page.both_held_since < TAKE_AFTER:
-            return False
-        page.both_held_since = None
-        return True
 
     def reply(self, number: int, now_ns: int) -> dict[str, Any]:
         """Return what only one page is told."""
@@ -328,9 +306,3 @@ class Driver:
             sent_ms, arrival_ns = page.echo
             told["echo"] = {"t": sent_ms, "held": round(1e-6 * (now_ns - arrival_ns), 2)}
         return told
-
-
-def _goes_down(before: DeviceInput | None, device: DeviceInput, chord: tuple[Button, ...]) -> bool:
-    """Return whether all buttons of a chord are held since this sample."""
-    held = all(button.held(device) for button in chord)
-    return held and not (before is not None and all(button.held(before) for button in chord))

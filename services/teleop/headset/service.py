@@ -91,6 +91,7 @@ class HeadsetOperator(Service):
         self._setpoint_due_ns = self._status_due_ns = 0
         self._shown: dict[int, int] = {}
         self._number = 0
+        self._no_pictures = ""
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Take in what the pages sent, and tell them; see :class:`Service`."""
@@ -111,10 +112,10 @@ class HeadsetOperator(Service):
         outputs += self._drive(moment, dt)
         # First what is most urgent.
         outputs = [*self._stops(inputs, moment), *outputs]
-        cameras = self._show_pictures(inputs, moment)
+        self._show_pictures(inputs, moment)
         if now_ns >= self._status_due_ns:
             self._status_due_ns = now_ns + STATUS_PERIOD_NS
-            self._show_status(inputs, moment, cameras)
+            self._show_status(inputs, moment)
         return outputs
 
     def close(self) -> None:
@@ -166,21 +167,22 @@ class HeadsetOperator(Service):
         heard = inputs.latest(PLANT_STATUS) if inputs.updated(PLANT_STATUS) else None
         return [Output(ESTOP, stop) for stop in button.poll(moment.now_ns, heard, moment.stamp)]
 
-    def _show_pictures(self, inputs: Inputs, moment: Moment) -> str:
-        """Hand new pictures to the pages; return what is wrong with them, in words."""
+    def _show_pictures(self, inputs: Inputs, moment: Moment) -> None:
+        """Hand new pictures to the pages, and note what is wrong with them."""
         if not (inputs.fresh(CAMERA_LEFT) and inputs.fresh(CAMERA_RIGHT)):
-            return "no pictures: the cameras are silent"
+            self._no_pictures = "no pictures: the cameras are silent"
+            return
         if not inputs.updated(CAMERA_LEFT) and not inputs.updated(CAMERA_RIGHT):
-            return ""
+            return
         pair = inputs.latest_pair(CAMERA_LEFT, CAMERA_RIGHT)
         if pair is None:
-            return "no pictures: left and right are of different times"
-        left, right = pair
-        if left.encoding != "jpeg" or right.encoding != "jpeg":
-            return 'no pictures: they are raw; expected [cameras] encoding = "jpeg"'
-        if left.header.stamp != self._shown.get(self._number):
-            self._show_picture(left, right, moment, inputs.age(WBC_STATE))
-        return ""
+            self._no_pictures = "no pictures: left and right are of different times"
+        elif any(picture.encoding != "jpeg" for picture in pair):
+            self._no_pictures = 'no pictures: they are raw; expected [cameras] encoding = "jpeg"'
+        else:
+            self._no_pictures = ""
+            if pair[0].header.stamp != self._shown.get(self._number):
+                self._show_picture(*pair, moment, inputs.age(WBC_STATE))
 
     def _show_picture(
         self, left: CameraFrame, right: CameraFrame, moment: Moment, state_age: float
@@ -194,7 +196,7 @@ class HeadsetOperator(Service):
             Picture(self._number, stamp, moment.neck, age, moment.now_ns, left.data, right.data)
         )
 
-    def _show_status(self, inputs: Inputs, moment: Moment, cameras: str) -> None:
+    def _show_status(self, inputs: Inputs, moment: Moment) -> None:
         driver, refusals = self.driver, self.hub.refusals
         refusals.late = driver.late
         fresh = inputs.fresh
@@ -203,7 +205,7 @@ class HeadsetOperator(Service):
             plant=driver.console.plant,
             task=inputs.latest(TASK_STATUS) if fresh(TASK_STATUS) else None,
             neck=moment.neck,
-            cameras=cameras,
+            cameras=self._no_pictures,
             refusals=refusals,
         )
         replies = {number: driver.reply(number, moment.now_ns) for number in driver.pages}

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from common.estop import StopButton
 from common.operator.claim import Claimant
@@ -26,6 +25,7 @@ from common.schemas import (
 )
 from common.schemas.arrays import Float64Array as Array
 from common.topics import ESTOP_CLEAR, PLANT_REQUEST, TELEOP_GAIT
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.keyboard.keymap import (
     Action,
     Axis,
@@ -39,31 +39,12 @@ from services.teleop.keyboard.keymap import (
     binding_of,
 )
 from services.teleop.keyboard.requests import SentRequest
-from services.teleop.targets.hand import SIDES, MotionLimits, home_pose
+from services.teleop.targets.hand import SIDES, home_pose
 from services.teleop.targets.targets import OperatorTargets
 
 GAITS_SHOWN = 3
 KEYS_KEPT = 8
 """Largest number of keys that wait for the robot."""
-
-
-class KeyboardConfig(BaseModel):
-    """Step sizes of the keys and speeds of the targets."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    limits: MotionLimits = MotionLimits()
-    distance_step: float = Field(default=0.02, gt=0.0, description="step of a hand [m]")
-    angle_step: float = Field(
-        default=math.radians(5.0), gt=0.0, description="step of a hand or the neck [rad]"
-    )
-    repeat_window: float = Field(
-        default=1.0, gt=0.0, description="between two presses of a key that needs both [s]"
-    )
-    push_force: float = Field(
-        default=80.0, gt=0.0, description="force of a push on the torso, forward [N]"
-    )
-    push_duration: float = Field(default=0.1, gt=0.0, le=5.0, description="[s]")
 
 
 @dataclass

@@ -18,7 +18,7 @@ from common.topics import (
 )
 from services.teleop.headset.driver import GAIT_KEYS
 from services.teleop.headset.view import FOCAL_LENGTH
-from tests.services.teleop.support import FakeController, at_left, authority, plant_status
+from tests.services.teleop.support import NOBODY, FakeController, at_left, authority, plant_status
 
 from .people import Room, grip
 
@@ -132,6 +132,27 @@ def test_a_clutch_takes_the_robot_from_nobody_but_the_gesture_does() -> None:
     assert room.bench.messages(TELEOP_CLAIM)[-1].wants
 
 
+def test_a_headset_that_gets_the_robot_back_starts_where_another_operator_left_it() -> None:
+    room = Room()
+    person = room.enter().wear(0.1)
+    person.squeeze("left", 0.2)
+    person.left["position"] = [-0.25, 1.3, -0.4]
+    person.wear(0.1)
+    room.bench.controller.authority = OTHER.model_copy(update={"changes": 5})
+    person.wear(0.1)
+    assert not room.has_robot
+    sent = len(room.setpoints)
+    room.bench.inputs.put(WBC_TARGET, at_left(0.4, 0.1, -0.1))
+    person.wear(0.1)
+    room.bench.controller.authority = NOBODY.model_copy(update={"changes": 6})
+    person.left["squeeze"] = 0.0
+    person.wear(0.1)
+    person.squeeze("left", 0.3)
+    assert room.has_robot
+    for setpoint in room.setpoints[sent:]:
+        np.testing.assert_allclose(hands(setpoint)[:3], [0.4, 0.1, -0.1], atol=1e-9)
+
+
 def test_a_second_page_watches_until_it_takes_over_without_a_jump() -> None:
     room = Room()
     first, second = room.enter(), room.enter()
@@ -199,6 +220,19 @@ def test_silence_of_the_page_stops_setpoints_and_its_return_engages_anew() -> No
     np.testing.assert_allclose(hands(room.setpoints[-1]), before, atol=1e-9)
 
 
+def test_silence_of_the_page_ends_what_its_keys_began() -> None:
+    room = Room()
+    person = room.enter()
+    person.key("Enter", *"iiii", run=0.1)
+    room.run(0.6)
+    sent = len(room.setpoints)
+    person.watch(0.3)
+    assert len(room.setpoints) > sent
+    # Neither a jump by what the silence hid nor a motion that goes on.
+    assert steps(room).max() < 0.35 * 0.03 + 1e-9
+    assert np.abs(hands(room.setpoints[-1]) - hands(room.setpoints[sent])).max() < 1e-9
+
+
 def test_a_key_that_was_held_up_does_nothing_unless_it_is_the_stop() -> None:
     room = Room()
     person = room.enter()
@@ -262,6 +296,16 @@ def test_a_hidden_page_drives_no_longer() -> None:
     room.run(0.2)
     assert len(room.setpoints) == sent
     assert not person.told["drives"]
+
+
+def test_a_page_whose_clock_stood_still_while_it_was_hidden_is_not_late() -> None:
+    room = Room()
+    person = room.enter()
+    person.send("away")
+    person.clock_ms -= 60_000.0
+    person.watch(0.1).key("w")
+    assert room.gaits == ["FORWARD"]
+    assert room.operator.driver.late == 0
 
 
 def test_the_page_cannot_end_the_operator() -> None:
