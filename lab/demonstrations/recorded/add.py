@@ -10,6 +10,7 @@ import numpy as np
 from common.episodes.columns import CAMERAS, RATE, Rows
 from common.episodes.episode_file import EpisodeMeta, to_bytes
 from common.episodes.errors import EpisodeError
+from common.episodes.folder import IndexLine
 from common.errors import ConfigError
 from common.schemas import CameraFrame, EpisodeAction, TaskVerdict
 from common.topics import (
@@ -124,8 +125,9 @@ def add_run(
     }
     added = Added()
     with store.locked():
+        lines = _known(store)
         for take in takes:
-            _add(take, about, store, options, added)
+            _add(take, about, store, options, lines, added)
     if not added.metas and not added.known:
         raise EpisodeError(
             f"{log} has no take of a task: expected set-points of an operator that had the robot, "
@@ -148,11 +150,25 @@ def _messages(
             advance(done, seconds)
 
 
+def _known(store: DatasetStore) -> list[IndexLine]:
+    """Return what is in the data set, after its index was made to say the same."""
+    if read_dataset(store.root) is None:
+        return []
+    lines = store.scan()
+    store.write_index(lines)
+    return lines
+
+
 def _add(
-    take: Take, about: dict[str, Any], store: DatasetStore, options: AddOptions, added: Added
+    take: Take,
+    about: dict[str, Any],
+    store: DatasetStore,
+    options: AddOptions,
+    lines: list[IndexLine],
+    added: Added,
 ) -> None:
+    """Add one take to the data set, to ``lines`` and to ``added``; or count it as known."""
     recording = about | _identity(take)
-    lines = store.index() if read_dataset(store.root) is not None else []
     if any(_same_take(line.meta.recording, recording) for line in lines):
         added.known += 1
         return
@@ -170,7 +186,7 @@ def _add(
     )
     meta = meta.model_copy(update={"origin": config.origin()})
     kept = meta.success or (options.keep_failures and meta.verdict in {"partial", "failure"})
-    store.add(meta, _content(take, meta, span) if kept else None)
+    lines.append(store.add(meta, _content(take, meta, span) if kept else None))
     added.metas.append(meta)
 
 

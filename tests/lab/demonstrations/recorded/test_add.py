@@ -168,10 +168,10 @@ def test_rest_is_trimmed_but_for_half_a_second() -> None:
         frames.rows.rows["observation/control_state"][-1] = 1
     take = Take((1, 0), frames, 0)
     assert _span(take, trim=False) == slice(0, 90)
-    # Motion is judged by the last six frames.
-    assert _span(take, trim=True) == slice(23, 64)
+    # Frames 31 to 50 move, which is judged by the six frames before each.
+    assert _span(take, trim=True) == slice(21, 66)
     take.verdict_frame = 70
-    assert _span(take, trim=True) == slice(23, 81)
+    assert _span(take, trim=True) == slice(21, 81)
 
 
 def test_operators_and_simulated_trials_are_not_mixed_silently(log: Path, tmp_path: Path) -> None:
