@@ -147,6 +147,10 @@ class PolicyOperator(Service):
             self._player.skip()
         return [*outputs, *self._report(inputs, stamp)]
 
+    def after_step(self) -> None:
+        """Let the network compute, once the set-point is on its way."""
+        self.engine.work()
+
     def close(self) -> None:
         """Let go of the engine."""
         self.engine.close()
@@ -224,4 +228,5 @@ def local_engine(config: PolicyConfig) -> tuple[Engine, Description]:
         config.checkpoint, config.kind, config.device, config.threads
     )
     runtime.warm_up(max(1, config.window_of(description.manifest.policy)))
-    return LocalEngine(runtime), description
+    policy = description.manifest.policy
+    return LocalEngine(runtime, config.inference_steps_of(policy)), description

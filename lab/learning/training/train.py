@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from lab.errors import TrainingError
 from lab.learning.training.demonstrations import (
@@ -16,6 +17,7 @@ from lab.learning.training.demonstrations import (
     in_words,
     read_demonstrations,
 )
+from lab.learning.training.errors import EstimationErrors
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
 from lab.learning.training.estimator_key import estimator_key
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
@@ -92,18 +94,20 @@ def train(job: Job) -> Progress:
         processor = Processor.fit(policy, [d.arrays for d in learned])
         torch.manual_seed(config.seed)
         network = new_network(policy)
-        scene = None
+        errors = scene = None
         if policy.inputs.estimated:
             key = estimator_key(job.task, digest, policy, config, job.device)
-            scene = _estimate(job, folder, key, network, processor, (learned, held_out))
+            errors = _estimate(job, folder, key, network, processor, (learned, held_out))
+            constant = config.noise.estimate * errors.overall
+            scene = Spread(constant, 0.5 * constant)
         learner = Learner(network, config, job.device)
         origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
             folder,
             config,
-            _windows(job, processor, learned),
-            _windows(job, processor, held_out),
+            _windows(job, processor, learned, errors),
+            _windows(job, processor, held_out, errors),
             (observation_spread(processor, config.noise), scene),
             lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
         )
@@ -130,7 +134,12 @@ def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
             bar.advance()
 
 
-def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstration]) -> Windows:
+def _windows(
+    job: Job,
+    processor: Processor,
+    demonstrations: Sequence[Demonstration],
+    errors: EstimationErrors | None,
+) -> Windows:
     """Return the windows of demonstrations, with pictures if the network is to look at them."""
     inputs = processor.inputs
     pictures = np.empty((sum(d.frames for d in demonstrations), 0, 1, 1, 3), dtype=np.uint8)
@@ -140,7 +149,8 @@ def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstrat
             ProgressBar("pictures", len(demonstrations)) as bar,
         ):
             pictures = read_pictures(demonstrations, inputs, job.out, bar.advance)
-    return Windows(processor, [d.arrays for d in demonstrations], pictures, job.recipe.training)
+    arrays = [d.arrays for d in demonstrations]
+    return Windows(processor, arrays, pictures, job.recipe.training, errors)
 
 
 def _estimate(
@@ -150,15 +160,15 @@ def _estimate(
     network: PolicyNetwork,
     processor: Processor,
     parts: tuple[Sequence[Demonstration], Sequence[Demonstration]],
-) -> Spread:
-    """Train the parts of ``network`` that estimate the scene, freeze them, and return their error.
+) -> EstimationErrors:
+    """Train the parts of ``network`` that estimate the scene, freeze them, and return their errors.
 
-    It is the error on views of held-out episodes; half of it is white in the noise, too.
+    They are those on views of held-out episodes.
     """
     config, estimating = job.recipe.training, estimating_parts(network)
     assert processor.scene is not None
-    error = folder.load_estimator(estimating, key)
-    if error is None:
+    errors = folder.load_estimator(estimating, key)
+    if errors is None:
         learned, held_out = _views(job, *parts)
         with ProgressBar("estimator", config.views.steps) as bar:
             train_estimator(
@@ -169,15 +179,14 @@ def _estimate(
                 job.device,
                 lambda step, loss: bar.show(step + 1, text=f"loss {loss:.3f}"),
             )
+            truth = processor.scene.normalise(held_out.labels)
             found = estimates(network, held_out, job.device)
-            wrong = np.square(found - processor.scene.normalise(held_out.labels))
-            error = np.sqrt(wrong.mean(axis=0)).tolist()
-            bar.say(_in_words(processor, error))
-        folder.save_estimator(estimating, error, key)
+            errors = EstimationErrors(truth, found - truth)
+            bar.say(_in_words(processor, errors.overall))
+        folder.save_estimator(estimating, errors, key)
     for parameter in estimating.parameters():
         parameter.requires_grad_(False)
-    constant = config.noise.estimate * np.array(error)
-    return Spread(constant, 0.5 * constant)
+    return errors
 
 
 def _views(
@@ -198,7 +207,7 @@ def _views(
         )
 
 
-def _in_words(processor: Processor, error: Sequence[float]) -> str:
+def _in_words(processor: Processor, error: NDArray[np.float32]) -> str:
     """Say how large the error of the estimates is."""
     assert processor.scene is not None
     named = zip(processor.inputs.estimated, error, processor.scene.scale, strict=True)

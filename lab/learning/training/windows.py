@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from common.episodes.columns import BY_PATH
+from common.schemas import ControlState
 from lab.learning.training.config import NoiseConfig, TrainingConfig
+from lab.learning.training.errors import EstimationErrors
 from services.policy.networks.policy import TargetBatch
+from services.policy.processor.actions import moving
 from services.policy.processor.pictures import Picture
 from services.policy.processor.processor import ESTIMATED, Processor
 from services.policy.processor.targets import Targets
@@ -70,13 +73,10 @@ def observation_spread(processor: Processor, noise: NoiseConfig) -> Spread:
             break
         parts = [(0.0, 0.0)] * width
         if name == "observation/poses":
-            parts = [
-                (noise.hand, noise.hand_white) if _is_hand_position(label) else (0.0, 0.0)
-                for label in BY_PATH[name].names
-            ]
+            parts = [_pose_noise(label, noise) for label in BY_PATH[name].names]
         elif name == "previous_setpoint":
             # Positions and rotation vectors of both hands.
-            parts = [(noise.setpoint if i % 6 < 3 else 0.0, 0.0) for i in range(width)]
+            parts = [(noise.setpoint if i % 6 < 3 else noise.turn, 0.0) for i in range(width)]
         elif name == "scene":
             scales = [
                 noise.scene if label.endswith((".x", ".y", ".z")) else noise.scene_angle
@@ -93,8 +93,19 @@ def observation_spread(processor: Processor, noise: NoiseConfig) -> Spread:
     )
 
 
-def _is_hand_position(name: str) -> bool:
-    return "_hand." in name and name.endswith((".x", ".y", ".z"))
+def _pose_noise(name: str, noise: NoiseConfig) -> tuple[float, float]:
+    """Return constant and white noise on the number ``name`` of the column of poses."""
+    position = name.endswith((".x", ".y", ".z"))
+    if "_foot." in name:
+        return (noise.foot if position else 0.0, 0.0)
+    # The parts of a quaternion change by half an angle.
+    return (noise.hand, noise.hand_white) if position else (0.5 * noise.turn, 0.0)
+
+
+def _acting(arrays: dict[str, Any]) -> NDArray[np.bool_]:
+    """Return in which frames hands or grippers move while the robot stands."""
+    moves = moving(np.asarray(arrays["action/hands"]), np.asarray(arrays["action/grasp"]))
+    return moves & (np.asarray(arrays["observation/control_state"]) <= ControlState.BALANCE)
 
 
 class Windows:
@@ -110,6 +121,7 @@ class Windows:
         episodes: Sequence[dict[str, Any]],
         pictures: Picture,
         config: TrainingConfig,
+        errors: EstimationErrors | None = None,
     ) -> None:
         """Prepare observations and targets.
 
@@ -118,6 +130,7 @@ class Windows:
             episodes: columns of each demonstration.
             pictures: (frames, cameras, height, width, 3) of all of them, in order.
             config: of training.
+            errors: of the estimates that the true numbers of the scene stand for.
         """
         self._config, self._pictures = config, pictures
         self._observation = np.concatenate([processor.episode(arrays) for arrays in episodes])
@@ -126,6 +139,8 @@ class Windows:
         lengths = [len(targets.gait) for targets in found]
         self._last = np.repeat(np.cumsum(lengths) - 1, lengths)
         self._first = np.cumsum([0, *lengths[:-1]])
+        self._begin = np.repeat(self._first, lengths)
+        self._active = np.flatnonzero(np.concatenate([_acting(arrays) for arrays in episodes]))
         helped = np.concatenate([np.asarray(arrays["intervention"]) for arrays in episodes])
         self._kinds = [np.flatnonzero(helped), np.flatnonzero(~helped)]
         """Frames of interventions, and all others."""
@@ -133,6 +148,9 @@ class Windows:
         if processor.scene is not None:
             shown = np.concatenate([np.asarray(arrays[ESTIMATED]) for arrays in episodes])
             self._scene = processor.scene.normalise(shown)
+        self._relative = None
+        if errors is not None and self._scene is not None:
+            self._relative = errors.near(self._scene) / errors.overall
 
     def __len__(self) -> int:
         return len(self._last)
@@ -146,24 +164,18 @@ class Windows:
     ) -> Batch:
         """Return ``count`` random windows with noise on what is observed."""
         config = self._config
-        starts = self._starts(rng, count)
+        frames = self._starts(rng, count)[:, None] + self._steps(rng, count)
         kept = config.loss_frames or config.window
         at = np.sort(rng.permutation(config.window)[:kept])
-        batch = self._batch(starts, at, rng if config.shift else None)
+        batch = self._batch(frames, at, rng if config.shift else None)
         shape = count, config.window
         batch.observation.add_(torch.from_numpy(observation.draw(rng, *shape)))
         if batch.seen is not None and scene is not None:
-            batch.seen.add_(torch.from_numpy(scene.draw(rng, *shape)))
+            noise = scene.draw(rng, *shape)
+            if self._relative is not None:
+                noise *= self._relative[self._within(frames)]
+            batch.seen.add_(torch.from_numpy(noise))
         return batch
-
-    def _starts(self, rng: np.random.Generator, count: int) -> Array:
-        """Return the first frames of random windows."""
-        share = self._config.interventions.share
-        if share is None or not all(map(len, self._kinds)):
-            return rng.integers(len(self), size=count)
-        helped = rng.binomial(count, share)
-        parts = zip(self._kinds, (helped, count - helped), strict=True)
-        return np.concatenate([rng.choice(frames, size=size) for frames, size in parts])
 
     def whole(self, count: int) -> list[Batch]:
         """Return the episodes cut into windows without overlap, ``count`` in a batch, no noise."""
@@ -172,12 +184,46 @@ class Windows:
         spans = zip(self._first.tolist(), ends, strict=True)
         starts = np.concatenate([np.arange(first, end, window) for first, end in spans])
         at = np.arange(window)
-        return [self._batch(starts[i : i + count], at, None) for i in range(0, len(starts), count)]
+        frames = starts[:, None] + at
+        return [self._batch(frames[i : i + count], at, None) for i in range(0, len(frames), count)]
 
-    def _batch(self, starts: Array, at: Array, shifting: np.random.Generator | None) -> Batch:
-        frames = starts[:, None] + np.arange(self._config.window)
-        valid = frames <= self._last[starts][:, None]
-        frames = np.minimum(frames, self._last[starts][:, None])
+    def _starts(self, rng: np.random.Generator, count: int) -> Array:
+        """Return the first frames of random windows, a part of them around active frames."""
+        starts = self._helped_starts(rng, count)
+        if self._config.active and len(self._active):
+            frames = self._active[rng.integers(len(self._active), size=count)]
+            before = frames - rng.integers(self._config.window, size=count)
+            around = rng.uniform(size=count) < self._config.active
+            starts = np.where(around, np.maximum(before, self._begin[frames]), starts)
+        return starts
+
+    def _helped_starts(self, rng: np.random.Generator, count: int) -> Array:
+        """Return random frames, as many of interventions as configured."""
+        share = self._config.interventions.share
+        if share is None or not all(map(len, self._kinds)):
+            return rng.integers(len(self), size=count)
+        helped = rng.binomial(count, share)
+        parts = zip(self._kinds, (helped, count - helped), strict=True)
+        return np.concatenate([rng.choice(frames, size=size) for frames, size in parts])
+
+    def _steps(self, rng: np.random.Generator, count: int) -> Array:
+        """Return the steps (count, window) of windows; where one stands still, one is repeated."""
+        window = self._config.window
+        steps = np.tile(np.arange(window), (count, 1))
+        if self._config.standstill:
+            still = rng.uniform(size=count) < self._config.standstill
+            ends = np.where(still, rng.integers(window, size=count), window)
+            steps = np.minimum(steps, ends[:, None])
+        return steps
+
+    def _within(self, frames: Array) -> Array:
+        """Return the frames (b, t) of windows, the last one for those beyond its episode's end."""
+        found: Array = np.minimum(frames, self._last[frames[:, :1]])
+        return found
+
+    def _batch(self, frames: Array, at: Array, shifting: np.random.Generator | None) -> Batch:
+        valid = frames <= self._last[frames[:, :1]]
+        frames = self._within(frames)
         counted = frames[:, at]
         parts = [*(part[counted] for part in self._targets), valid[:, at]]
         targets = TargetBatch._make(torch.from_numpy(part) for part in parts)
