@@ -24,8 +24,7 @@ def run_steps(
     learner: Learner,
     folder: TrainingFolder,
     config: TrainingConfig,
-    learned: Windows,
-    held_out: Windows,
+    windows: tuple[Windows, Windows],
     spreads: tuple[Spread, Spread | None],
     keep: Keep,
 ) -> Progress:
@@ -35,8 +34,7 @@ def run_steps(
         learner: what learns.
         folder: where state and metrics are kept.
         config: of training.
-        learned: windows to learn from.
-        held_out: windows to validate on.
+        windows: to learn from, and to validate on.
         spreads: noise on observations, and on numbers of the scene in place of an estimate.
         keep: called after each validation.
 
@@ -44,6 +42,7 @@ def run_steps(
         TrainingError: the loss is no number any more, or the disk fails.
     """
     progress = folder.load_state(learner)
+    learned, held_out = windows
     batches = held_out.whole(config.batch)
     earlier, began, gathered = progress.seconds, monotonic(), list[Metrics]()
     with ProgressBar("training", None if config.minutes else config.steps) as bar:

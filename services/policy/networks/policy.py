@@ -99,15 +99,16 @@ class PolicyNetwork(nn.Module, ABC):
             seen: (b, t, m) what :meth:`look` returns of the pictures, or in training the true
                 numbers of the scene in its place; None: look at the pictures.
         """
-        x = torch.cat((observation, self.look(pictures) if seen is None else seen), dim=-1)
+        frames = torch.cat((observation, self.look(pictures) if seen is None else seen), dim=-1)
+        x = frames
         if memory is None:
             memory = self.zero_memory(len(x))
         if self.lstm is not None:
             x, (hidden, cell) = self.lstm(x, (memory[0], memory[1]))
             memory = torch.stack((hidden, cell))
         if at is not None:
-            x = x[:, at]
-        return self.outputs(self.mlp(x)), memory
+            x, frames = x[:, at], frames[:, at]
+        return self.outputs(self.mlp(x)) | self.frame_outputs(frames), memory
 
     def look(self, pictures: Tensor) -> Tensor:
         """Return what the network sees in pictures, (b, t, m) features.
@@ -132,6 +133,14 @@ class PolicyNetwork(nn.Module, ABC):
     @abstractmethod
     def outputs(self, features: Tensor) -> Outputs:
         """Return the parameters of the distributions for features (b, t, n)."""
+
+    def frame_outputs(self, frames: Tensor) -> Outputs:
+        """Return those that depend on single frames (..., n), beside memory and MLP: none.
+
+        A frame is the observation vector and what :meth:`look` returns.
+        """
+        del frames
+        return {}
 
     @abstractmethod
     def terms(self, outputs: Outputs, targets: TargetBatch) -> Terms:
