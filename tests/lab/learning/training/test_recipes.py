@@ -66,6 +66,6 @@ def test_an_unknown_setting_is_named() -> None:
 def test_what_a_task_needs_fits_every_kind_and_is_overruled_by_options(task: str) -> None:
     assert task in all_tasks()
     for kind in CONFIGS:
-        policy, training = recipe(kind, "cpu", "chunks", "blind", changes=task_settings(kind, task))
-        assert isinstance(policy.actions, ChunkConfig)
-        assert training != recipe(kind, "cpu", "chunks", "blind").training
+        found = recipe(kind, "cpu", "chunks", "blind", changes=task_settings(kind, task))
+        assert isinstance(found.policy.actions, ChunkConfig)
+        assert found != recipe(kind, "cpu", "chunks", "blind")
