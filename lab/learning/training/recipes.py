@@ -106,6 +106,16 @@ TASKS: Final[dict[str, dict[str, Any]]] = {
         "policy": {"gait_network": {}},
         "training": {"views": {"landmarks": ("cart_bar",), **_WALKING_VIEWS}},
     },
+    # To pass the frame the robot has to know to centimetres where it is; and where it walks through
+    # the scene, the scene of another frame may be in its body.
+    "door/push": {
+        "policy": {"gait_network": {}},
+        "training": {
+            "noise": {"estimate": 0.5},
+            "views": {"count": 5000, "steps": 2000, "other_scene": 0.0},
+        },
+    },
+    "bench/push": {"training": {"views": {"steps": 1000, "other_scene": 0.1}}},
 }
 """What a task needs besides, laid over the recipe ``chunks``."""
 _PAPER: Final[dict[Profile, dict[str, Any]]] = {
