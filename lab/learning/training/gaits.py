@@ -1,6 +1,6 @@
 """The gaits' own network learns first, from the frames in which a gait could be asked for.
 
-These are few, and so are the requests: beside the set-points of the hands they would not be heard.
+These are few, and so are the requests beside the set-points of the hands.
 """
 
 from collections.abc import Callable

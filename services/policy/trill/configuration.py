@@ -10,9 +10,8 @@ from services.policy.configuration import RecurrentSettings, StrictModel
 class GaitNetworkConfig(StrictModel):
     """Trigger and type of gait have a network of their own, which sees one frame at a time.
 
-    A demonstration has hundreds of set-points and a handful of requests. In a network that they
-    share, the set-points decide what is looked at, and with a memory the requests are soon learned
-    by heart.
+    A demonstration has hundreds of set-points and a handful of requests. So what the gaits are
+    learned from, and for how long, is chosen apart from the hands.
     """
 
     layers: tuple[Annotated[int, Field(ge=1)], ...] = Field(
