@@ -10,6 +10,8 @@ from common.packages import require
 from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
+from services.policy.options import add_inference_options, inference_arguments
+from services.policy.runtimes.load import require_runtime
 
 if TYPE_CHECKING:
     from deploy.launch import RunResult
@@ -65,6 +67,7 @@ UP_EXAMPLES = """examples:
   python -m services.teleop synthetic --task door/unlock --seed 7         in another terminal
   trill up --task door/unlock --policy runs/unlock/best
   python -m services.teleop keyboard           takes the robot from it by Enter, and gives it back
+  trill up --policy runs/unlock/best --runtime onnx        without torch; see trill export-policy
   trill up --policy runs/unlock/best --remote  a server computes: python -m services.policy.server
 """
 
@@ -104,6 +107,28 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_policy_options(parser: argparse.ArgumentParser, what: str) -> None:
+    group = parser.add_argument_group("policy")
+    group.add_argument(
+        "--policy", type=Path, metavar="CHECKPOINT", help=f"folder of a policy, {what}"
+    )
+    add_inference_options(group)
+
+
+def _inference(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the options that say where and by what a policy is computed.
+
+    Raises:
+        ConfigError: there are some, and no policy, or the runtime is not installed.
+    """
+    found = inference_arguments(arguments)
+    if found and arguments.policy is None:
+        raise ConfigError(f"{found[0]} says how a policy is computed; give --policy too")
+    if "runtime" in arguments and "remote" not in arguments:
+        require_runtime(arguments.runtime)
+    return found
+
+
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
     _add_system_options(parser)
     parser.add_argument(
@@ -111,12 +136,7 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
         help="script of the operator: demo, stand, gaits, random or a JSON file of steps "
         "(default: demo; none with --task)",
     )
-    parser.add_argument(
-        "--policy",
-        type=Path,
-        metavar="CHECKPOINT",
-        help="folder of a policy, which does the task (default: the one it has learned)",
-    )
+    _add_policy_options(parser, "which does the task (default: the one it has learned)")
     parser.add_argument(
         "--seconds", type=float, help="end this long after the controller was first heard [s]"
     )
@@ -169,6 +189,7 @@ def _demo(arguments: argparse.Namespace) -> int:
             system=_system_options(arguments, restart=False),
             script=arguments.script,
             policy=arguments.policy,
+            inference=_inference(arguments),
             seconds=arguments.seconds,
             timeout=arguments.timeout,
             base_port=arguments.base_port,
@@ -194,15 +215,7 @@ def _drive(arguments: argparse.Namespace) -> int:
 def _up_arguments(parser: argparse.ArgumentParser) -> None:
     _add_system_options(parser)
     parser.add_argument("--no-record", action="store_true", help="write no log")
-    parser.add_argument(
-        "--policy",
-        type=Path,
-        metavar="CHECKPOINT",
-        help="folder of a policy that operates the robot whenever nobody else does",
-    )
-    parser.add_argument(
-        "--remote", action="store_true", help="of the policy: an inference server computes"
-    )
+    _add_policy_options(parser, "which operates the robot whenever nobody else does")
 
 
 def _prepare_policy(arguments: argparse.Namespace) -> None:
@@ -249,13 +262,12 @@ def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
     """
     from deploy.system import policy_process
 
+    options = _inference(arguments)
     if arguments.policy is None:
-        if arguments.remote:
-            raise ConfigError("--remote says where a policy computes; give --policy too")
         return []
     # Before anything is started.
     _checkpoint(arguments)
-    return [policy_process(arguments.policy.resolve(), remote=arguments.remote)]
+    return [policy_process(arguments.policy.resolve(), *options)]
 
 
 def _up(arguments: argparse.Namespace) -> int:

@@ -1,7 +1,9 @@
 """Trains a policy on a data set: from episodes to a checkpoint that can be served."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +22,10 @@ from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
 from lab.learning.training.learner import Learner
 from lab.learning.training.loop import run_steps
 from lab.learning.training.pictures import read_pictures
+from lab.learning.training.processes import Processes, together
 from lab.learning.training.recipes import Recipe
 from lab.learning.training.truth import TruthReader
-from lab.learning.training.views import Views, render_views
+from lab.learning.training.views import Views, render_views, rendered
 from lab.learning.training.windows import Spread, Windows, observation_spread
 from lab.progress import ProgressBar
 from lab.trials.folder import disk_errors, locked_folder
@@ -60,19 +63,27 @@ class Job:
 def train(job: Job) -> Progress:
     """Train, or go on with a training that was stopped; return how far it is.
 
+    Started by ``torchrun``, its processes train one policy together.
+
     Raises:
         TrainingError: the data set does not fit, the folder has another training, or the loss is
             no number any more.
         EpisodeError: an episode is damaged.
         ProcessorError: the data set lacks what the policy observes.
-        RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
+        RenderingUnavailableError: pictures are to be rendered, and there is no off-screen OpenGL.
     """
+    with together(job.device) as (processes, device):
+        return _train(replace(job, device=device), processes)
+
+
+def _train(job: Job, processes: Processes) -> Progress:
     policy, config = job.recipe
     with ProgressBar("reading", len(episode_files(job.data))) as bar:
         demonstrations = read_demonstrations(job.data, job.task, bar.advance)
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
-    with locked_folder(job.out, TrainingError):
-        folder.begin(TrainingFile.of(job.task, digest, policy, config))
+    with locked_folder(job.out, TrainingError) if processes.first else nullcontext():
+        with processes.in_turn():
+            folder.begin(TrainingFile.of(job.task, digest, policy, config))
         learned, held_out = divide(demonstrations, config.held_out, config.seed)
         _tell_scene(job, demonstrations)
         processor = Processor.fit(policy, [d.arrays for d in learned])
@@ -80,17 +91,19 @@ def train(job: Job) -> Progress:
         network = new_network(policy)
         scene = None
         if policy.inputs.estimated:
-            scene = _estimate(job, folder, network, processor, (learned, held_out))
-        learner = Learner(network, config, job.device)
+            with processes.in_turn():
+                scene = _estimate(job, folder, network, processor, (learned, held_out))
+        learner = Learner(network, config, job.device, processes)
         origin = _origin(job.task, demonstrations, len(learned))
         return run_steps(
             learner,
             folder,
             config,
-            _windows(job, processor, learned),
-            _windows(job, processor, held_out),
+            _windows(job, processor, learned, f"learned-{processes.rank}"),
+            _windows(job, processor, held_out, f"held-out-{processes.rank}"),
             (observation_spread(processor, config.noise), scene),
             lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
+            processes,
         )
 
 
@@ -108,17 +121,22 @@ def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
             bar.advance()
 
 
-def _windows(job: Job, processor: Processor, demonstrations: Sequence[Demonstration]) -> Windows:
+def _windows(
+    job: Job, processor: Processor, demonstrations: Sequence[Demonstration], name: str
+) -> Windows:
     """Return the windows of demonstrations, with pictures if the network is to look at them."""
     inputs = processor.inputs
     pictures = np.empty((sum(d.frames for d in demonstrations), 0, 1, 1, 3), dtype=np.uint8)
     if inputs.cameras and not inputs.estimated:
+        path = job.out / f"pictures-{name}.npy"
+        render = partial(rendered, TruthReader(job.task), inputs.cameras, CAMERA_SIZE)
         with (
             disk_errors(job.out, TrainingError),
             ProgressBar("pictures", len(demonstrations)) as bar,
         ):
-            pictures = read_pictures(demonstrations, inputs, job.out, bar.advance)
-    return Windows(processor, [d.arrays for d in demonstrations], pictures, job.recipe.training)
+            pictures = read_pictures(demonstrations, inputs, path, render, bar.advance)
+    arrays = [d.arrays for d in demonstrations]
+    return Windows(processor, arrays, pictures, job.recipe.training, job.device)
 
 
 def _estimate(

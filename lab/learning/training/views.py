@@ -4,7 +4,7 @@ The labels come free from the simulator; a real robot has none, so this is for s
 networks that are to be tuned on real pictures afterwards.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import radians, tan
 from typing import Any, NamedTuple
 
@@ -88,6 +88,29 @@ def render_views(
     finally:
         renderer.close()
     return Views(pictures, np.array(labels), points)
+
+
+def rendered(
+    reader: TruthReader, cameras: Sequence[str], size: tuple[int, int], shown: Demonstration
+) -> Iterator[list[Picture]]:
+    """Yield the pictures of each frame of a demonstration, rendered from its ground truth.
+
+    Args:
+        reader: poses robot and scene.
+        cameras: of the robot.
+        size: width and height of the pictures [pixels].
+        shown: the demonstration.
+
+    Raises:
+        RenderingUnavailableError: there is no off-screen OpenGL.
+    """
+    renderer = StereoRenderer(CameraConfig(scene=reader.scene, width=size[0], height=size[1]))
+    try:
+        for frame in range(shown.frames):
+            state, scene = reader.at(shown.arrays, frame)
+            yield renderer.render(state, cameras, scene)
+    finally:
+        renderer.close()
 
 
 def _posed(

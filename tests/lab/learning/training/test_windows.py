@@ -1,20 +1,24 @@
 """Windows: the same numbers as in service, ends, noise, and shifts."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from common.episodes.episode_file import open_episode
+from lab.errors import TrainingError
 from lab.learning.training.config import NoiseConfig, TrainingConfig
 from lab.learning.training.demonstrations import Demonstration, divide, read_demonstrations
 from lab.learning.training.pictures import read_pictures
+from lab.learning.training.processes import Processes
 from lab.learning.training.windows import Spread, Windows, observation_spread, shifted
 from services.policy.configuration import ChunkConfig, InputConfig, PolicySettings
 from services.policy.processor.actions import Command
-from services.policy.processor.pictures import scale_picture
+from services.policy.processor.pictures import Picture, scale_picture
 from services.policy.processor.processor import Processor
 from tests.lab.learning.training.support import TASK, blind, dataset
 
@@ -32,12 +36,16 @@ def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstrati
     return read_demonstrations(data, TASK)
 
 
+def not_asked(_shown: Demonstration) -> Iterator[list[Picture]]:
+    raise AssertionError("the demonstrations have pictures")
+
+
 def windows(
     demonstrations: list[Demonstration], tmp_path: Path, policy: PolicySettings = POLICY
 ) -> tuple[Windows, Processor]:
     arrays = [d.arrays for d in demonstrations]
     processor = Processor.fit(policy, arrays)
-    pictures = read_pictures(demonstrations, policy.inputs, tmp_path)
+    pictures = read_pictures(demonstrations, policy.inputs, tmp_path / "pictures.npy", not_asked)
     return Windows(processor, arrays, pictures, CONFIG), processor
 
 
@@ -90,6 +98,25 @@ def test_the_same_seed_draws_the_same_windows(
     assert one.at.tolist() == sorted(set(one.at.tolist()))
 
 
+def test_the_parts_of_a_batch_are_the_batch(
+    demonstrations: list[Demonstration], tmp_path: Path
+) -> None:
+    arrays = [d.arrays for d in demonstrations]
+    processor = Processor.fit(POLICY, arrays)
+    pictures = read_pictures(demonstrations, POLICY.inputs, tmp_path / "pictures.npy", not_asked)
+    made = Windows(processor, arrays, pictures, CONFIG.model_copy(update={"shift": 2}))
+    noise = observation_spread(processor, NoiseConfig(hand=0.1, hand_white=0.1))
+    parts = [slice(None), Processes(0, 2).part(8), Processes(1, 2).part(8)]
+    whole, *halves = (made.draw(np.random.default_rng(3), 8, noise, part=p) for p in parts)
+    for place, half in enumerate(halves):
+        np.testing.assert_array_equal(half.observation, whole.observation[place::2])
+        np.testing.assert_array_equal(half.pictures, whole.pictures[place::2])
+        np.testing.assert_array_equal(half.targets.hands, whole.targets.hands[place::2])
+        assert half.at.tolist() == whole.at.tolist()
+    with pytest.raises(TrainingError, match="that 3 processes can divide, got 8"):
+        Processes(0, 3).part(8)
+
+
 def test_noise_is_on_what_it_is_configured_for(demonstrations: list[Demonstration]) -> None:
     processor = Processor.fit(POLICY, [d.arrays for d in demonstrations])
     noise = NoiseConfig(hand=0.01, hand_white=0.003, setpoint=0.02)
@@ -118,7 +145,8 @@ def test_constant_noise_is_one_draw_for_a_window() -> None:
 def test_a_window_is_shifted_as_a_whole() -> None:
     rng = np.random.default_rng(0)
     pictures = rng.integers(0, 255, size=(5, 4, 2, 12, 16, 3), dtype=np.uint8)
-    moved = shifted(pictures, np.random.default_rng(1), 2)
+    moves = np.random.default_rng(1).integers(-2, 3, size=(5, 2))
+    moved = shifted(torch.from_numpy(pictures), moves).numpy()
     for given, got in zip(pictures, moved, strict=True):
         inner = given[:, :, 2:-2, 2:-2]
         fits = [
