@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 ARGS ?=
 TASK ?= door/unlock
 
-.PHONY: help demo demo-policy drive top test suite study tasks links faults fuzz train-paper loaders mutants bench compare docs lint \
+.PHONY: help demo demo-policy drive top test suite study study-policies tasks links faults fuzz train-paper loaders mutants bench compare docs lint \
 	setup clean
 
 help: ## list the targets
@@ -34,6 +34,9 @@ suite: $(STAMP) ## check every promise about standing, walking and reaching, a q
 
 study: $(STAMP) ## run the latency study with the synthetic operator, resumable; hours on two cores
 	$(BIN)/trill study latency $(ARGS)
+
+study-policies: $(STAMP) ## train and evaluate the three kinds of policy on the data sets that are there; hours
+	$(BIN)/trill study policies --run kinds --jobs 2 $(ARGS)
 
 tasks: $(STAMP) ## run each scored task 25 times with the synthetic operator, under an hour
 	$(BIN)/python -m lab.studies.tasks run all --seeds 0:25 --jobs 2 --out runs/studies/tasks.jsonl $(ARGS)

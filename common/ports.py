@@ -70,6 +70,7 @@ SERVICES: tuple[KnownService, ...] = (
     KnownService("cameras", 8, Role.SENSOR),
     KnownService("keyboard", 9, Role.OPERATOR),
     KnownService("replay", 10, Role.REPLAY),
+    KnownService("headset", 11, Role.OPERATOR),
 )
 """Every service that has a port.
 

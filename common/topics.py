@@ -202,7 +202,7 @@ LINK_CHANGE = Topic(
     0.0, delivery=_EVENT, per_source=True, doc="injected delay in force",
 )
 TASK_STATUS = Topic(
-    "task/status", TaskStatus, _PLANT, (),
+    "task/status", TaskStatus, _PLANT, _OPERATOR,
     10.0, 0.5, exclusive=True, doc="verdict of the task, at changes too",
 )
 TASK_SCENE = Topic(

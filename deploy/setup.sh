@@ -8,7 +8,7 @@
 set -eu
 venv=$1
 root=$(cd "$(dirname "$0")/.." && pwd)
-extras=sim,wbc,policy,teleop,logger,deploy,dev
+extras=sim,wbc,policy,teleop,headset,logger,deploy,dev
 
 fits='import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 12))'
 find_python() {

@@ -137,6 +137,19 @@ def operator_process(*args: str, foreground: bool = False) -> ProcessSpec:
     )
 
 
+def headset_process(*args: str) -> ProcessSpec:
+    """Declare the operator in a browser or a headset; ``args`` say where its page is served."""
+    return ProcessSpec(
+        "headset",
+        "services.teleop",
+        ("headset", *args),
+        restart=True,
+        # The robot balances without it, and another operator may take it.
+        essential=False,
+        stop_order=_FIRST,
+    )
+
+
 def policy_process(checkpoint: Path, *options: str) -> ProcessSpec:
     """Declare a policy that operates the robot whenever nobody else does.
 

@@ -34,8 +34,8 @@ class Column:
         dtype: numpy's name of the data type.
         varies: whether the width depends on the scene; ``names`` is empty then, and an episode's
             file has the names.
-        optional: whether files of this version may lack it, because it was added later; its numbers
-            are then read as NaN.
+        optional: whether files of this version may lack it, because it was added later, or because
+            not every robot measures it; it is then read as NaN, or as 0 if it is no float.
     """
 
     path: str
@@ -61,8 +61,12 @@ def _joints(prefix: str) -> tuple[str, ...]:
     return tuple(f"{prefix}{name}" for name in JOINT_NAMES)
 
 
-def _ns(path: str, doc: str) -> Column:
-    return Column(path, "ns", doc, dtype="<i8")
+def _ns(path: str, doc: str, *, optional: bool = False) -> Column:
+    return Column(path, "ns", doc, dtype="<i8", optional=optional)
+
+
+def _truth(path: str, unit: str, doc: str, names: tuple[str, ...], frame: str = "") -> Column:
+    return Column(path, unit, doc, names, frame, optional=True)
 
 
 _METRES = "m; quaternion (w, x, y, z)"
@@ -71,13 +75,13 @@ COLUMNS: tuple[Column, ...] = (
     _ns("time/robot_ns", "robot time of the frame: when the action was given"),
     _ns("time/state_ns", "robot time at which the joints were measured"),
     _ns("time/controller_ns", "robot time of the state the controller's state belongs to"),
-    _ns("time/picture_ns", "robot time at which the stereo pair was taken"),
-    _ns("time/truth_ns", "robot time of the ground truth"),
+    _ns("time/picture_ns", "robot time at which the stereo pair was taken", optional=True),
+    _ns("time/truth_ns", "robot time of the ground truth", optional=True),
     _ns("time/seen_ns", "robot time of what the operator acted on; older over a delayed link"),
     Column("age/state", "s", "age of the measured joints in this frame"),
     Column("age/controller", "s", "age of the controller's state in this frame"),
-    Column("age/picture", "s", "age of the stereo pair in this frame"),
-    Column("age/truth", "s", "age of the ground truth in this frame"),
+    Column("age/picture", "s", "age of the stereo pair in this frame", optional=True),
+    Column("age/truth", "s", "age of the ground truth in this frame", optional=True),
     Column("age/seen", "s", "age of what the operator acted on"),
     Column(
         "observation/poses",
@@ -127,25 +131,34 @@ COLUMNS: tuple[Column, ...] = (
         dtype="<i8",
     ),
     Column("action/neck", "rad", "head pitch set-point, positive looks down"),
-    Column("truth/base_position", "m", "position of torso_link's origin", ("x", "y", "z"), "world"),
     Column(
+        "intervention",
+        "",
+        "whether an operator acted in place of the policy that operates the robot in other frames",
+        dtype="|b1",
+        optional=True,
+    ),
+    _truth("truth/base_position", "m", "position of torso_link's origin", ("x", "y", "z"), "world"),
+    _truth(
         "truth/base_quaternion",
         "1",
         "orientation of torso_link, (w, x, y, z)",
         ("qw", "qx", "qy", "qz"),
         "world",
     ),
-    Column("truth/joint_position", "rad", "exact joint positions", JOINT_NAMES),
-    Column("truth/gripper_closure", "1", "exact closure of grippers; 0 open, 1 closed", SIDES),
+    _truth("truth/joint_position", "rad", "exact joint positions", JOINT_NAMES),
+    _truth("truth/gripper_closure", "1", "exact closure of grippers; 0 open, 1 closed", SIDES),
     Column(
         "truth/scene_qpos",
         "rad, m",
         "positions of the scene's joints, in model order; free bodies as x, y, z, qw, qx, qy, qz",
         varies=True,
+        optional=True,
     ),
 )
 """The ``truth`` arrays pose robot and scene at the frame's own time, so that pictures of any size
-can be rendered: of that time, while the pictures in the file are as old as ``age/picture`` says."""
+can be rendered: of that time, while the pictures in the file are as old as ``age/picture`` says. Of
+a recorded run they are as old as ``age/truth`` says; a real robot has none."""
 
 BY_PATH = {column.path: column for column in COLUMNS}
 """The same columns by their path."""

@@ -31,8 +31,9 @@ SCHEMA_VERSION = 2
 PERIOD_NS = 1_000_000_000 // RATE
 """Time from one frame to the next [ns]."""
 Image = NDArray[np.uint8]
-Operator = Literal["synthetic", "person", "policy"]
-"""Who operates the robot: a program that imitates a person, a person, or a learned policy."""
+Operator = Literal["synthetic", "person", "policy", "mixed"]
+"""Who operates the robot: a program that imitates a person, a person, a learned policy, or a policy
+in whose place another operator acts at times."""
 
 
 class EpisodeMeta(BaseModel):
@@ -44,8 +45,15 @@ class EpisodeMeta(BaseModel):
     operator: Operator = Field(description="who operated the robot")
     task: str = Field(description="name of the task, for instance door/unlock")
     goal: str = Field(description="the task's goal as a sentence")
-    seed: int = Field(ge=0, description="seed of the trial; identifies it within its data set")
-    verdict: str = Field(description="success, partial, failure, or error")
+    seed: int = Field(
+        ge=0,
+        description="identifies it within its data set: seed of the trial, or number of a recorded "
+        "episode",
+    )
+    verdict: str = Field(
+        description="success, partial, failure, or error; unaided: a policy was to be helped and "
+        "succeeded alone; discarded: whoever recorded it did not want it"
+    )
     reason: str = Field(description="the judge's reason")
     completion_time: float = Field(ge=0.0, description="robot time until the verdict [s]")
     verdict_frame: int = Field(ge=-1, description="first frame after the verdict; -1: none")
@@ -61,6 +69,9 @@ class EpisodeMeta(BaseModel):
     gave_up: str = Field(description="why the operator ended early; empty: it did not")
     origin: dict[str, JsonValue] = Field(
         description="the settings under which the episode came about, all but the seed"
+    )
+    recording: dict[str, JsonValue] = Field(
+        default={}, description="which part of which recording it is; empty: it was simulated"
     )
     versions: dict[str, str] = Field(description="versions of Python and packages")
     source: str = Field(default="", description="digest of the code that made it; empty: unknown")
@@ -95,6 +106,8 @@ def to_bytes(
         file.attrs["schema_version"] = SCHEMA_VERSION
         file.attrs["meta"] = meta.model_dump_json()
         for column in COLUMNS:
+            if column.optional and not rows.rows[column.path]:
+                continue
             values = np.array(rows.rows[column.path], dtype=column.dtype)
             shape = column.shape if not column.varies else values.shape[1:]
             values = values.reshape((len(rows), *shape))
@@ -171,7 +184,9 @@ class Episode:
             raise EpisodeError(f"unknown array {path!r}: expected one of {', '.join(BY_PATH)}")
         column = BY_PATH[path]
         if column.optional and path not in self._file:
-            return np.full((self.meta.frames, *column.shape), np.nan, column.dtype)[frames]
+            shape = (self.meta.frames, 0) if column.varies else (self.meta.frames, *column.shape)
+            missing = np.nan if np.dtype(column.dtype).kind == "f" else 0
+            return np.full(shape, missing, column.dtype)[frames]
         with reading(self._path):
             return np.asarray(self._file[path][frames])
 

@@ -92,7 +92,7 @@ class Claimant:
             self.wants = False
 
     def ask(self, now: float) -> None:
-        """Ask for the robot by a deliberate act of a person at ``now`` [s]."""
+        """Ask for the robot by a deliberate act, of a person or in one's place, at ``now`` [s]."""
         self.acts, self.wants, self.asked = self.acts + 1, True, now
 
     def give_up(self, now: float) -> bool:

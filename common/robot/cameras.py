@@ -8,9 +8,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from common.robot.frames import CAMERAS
+from common.robot.frames import BODY_FRAME, CAMERAS, HEAD_FRAME
 from common.robot.joints import MJCF_PATH
-from common.robot.rotations import quaternion_from_rotation_vector, rotation_vector_from_matrix
+from common.robot.pose import Pose
+from common.robot.rotations import (
+    multiply,
+    quaternion_from_rotation_vector,
+    quaternion_from_rpy,
+    rotation_vector_from_matrix,
+)
 from common.schemas.arrays import Float64Array as Array
 
 
@@ -55,6 +61,29 @@ def stereo_pair() -> Mapping[str, PinholeCamera]:
         for camera in body.findall("camera")
     }
     return {side: _camera(*found[name]) for side, name in CAMERAS.items()}
+
+
+def camera_in_body(side: str, neck_pitch: float) -> Pose:
+    """Return the pose of a camera's optical axes in the body frame: x right, y down, z ahead.
+
+    Args:
+        side: ``left`` or ``right``.
+        neck_pitch: position of the neck's joint; positive looks down [rad].
+    """
+    camera = stereo_pair()[side]
+    head = Pose(np.array(_head_position()), quaternion_from_rpy(0.0, neck_pitch, 0.0))
+    mounted = np.array(camera.quaternion)
+    return Pose(head.apply(np.array(camera.position)), multiply(head.quaternion, mounted))
+
+
+@cache
+def _head_position() -> tuple[float, ...]:
+    """Return the position (3,) of the head, on which the cameras are, in the body frame [m]."""
+    root = ElementTree.parse(MJCF_PATH).getroot()
+    head = root.find(f".//body[@name='{BODY_FRAME}']/body[@name='{HEAD_FRAME}']")
+    if head is None or head.get("quat") is not None:
+        raise ValueError(f"expected {HEAD_FRAME} on {BODY_FRAME}, unrotated, in {MJCF_PATH.name}")
+    return tuple(float(text) for text in head.attrib["pos"].split())
 
 
 def _camera(parent: str, element: ElementTree.Element) -> PinholeCamera:

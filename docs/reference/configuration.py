@@ -18,7 +18,8 @@ from services.policy.kinds import CONFIGS
 from services.policy.serving.config import PolicyConfig
 from services.sim.config import SimConfig
 from services.sim.rendering.cameras import CameraConfig
-from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.headset.config import HeadsetConfig
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.scripted.script import Script
 from services.teleop.scripted.service import ScriptedConfig
 from services.teleop.synthetic.service import SyntheticConfig
@@ -74,6 +75,7 @@ TABLES: tuple[Table, ...] = (
         "`python -m services.teleop synthetic` as `SyntheticConfig`.",
     ),
     Table("keyboard", "the keyboard operator", (KeyboardConfig,)),
+    Table("headset", "the operator in a browser or a headset", (HeadsetConfig,)),
     Table("policy", "the policy that operates the robot", (PolicyConfig,)),
     Table("logger", "the recorder", (LoggerConfig,)),
 )

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from lab.demonstrations.collect.config import EpisodeConfig
 
 DATASETS = Path("runs/datasets")
+_LATEST = 0.45
+"""Part of a task's time limit after which a policy is helped: the rest is enough to finish it."""
 TEXT = """Collect demonstrations of a task. A synthetic operator, a program with the hands, eyes and
 delays of a person, does the task again and again in simulated time, each trial with a seed of its
 own, until there are as many successes as asked for.
@@ -30,6 +32,11 @@ processor, which each episode names, and on this project's code: a data set that
 not continued unless you accept that. A trial that fails is counted with its reason; its episode is
 kept only with --keep-failures.
 
+With --policy a policy does the task, and the operator takes over and finishes it when the policy
+does not get on: so there are demonstrations from where this policy goes astray. An episode then has
+the frames of both, and the column `intervention` says which are the operator's; training learns
+from these alone. A trial in which the policy needed no help is no success here.
+
 Exit code: 0 done, 1 not (too few successes, or errors in a data set), 2 wrong options, 130
 Ctrl-C."""
 EXAMPLES = f"""examples:
@@ -38,6 +45,7 @@ EXAMPLES = f"""examples:
   trill collect door/unlock --episodes 500 --jobs 2      250 more into the same data set
   trill collect door/unlock --link both=250ms --out {DATASETS}/late
   trill collect door/unlock --no-images --keep-failures --out {DATASETS}/states
+  trill collect door/unlock --policy runs/policies/unlock/best --episodes 40 --seed 5000
   trill collect door/unlock --ray auto                   on a Ray cluster
   trill collect --info {DATASETS}/door-unlock
   trill collect --info {DATASETS}/door-unlock --sheet episode.png --episode 3
@@ -79,6 +87,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_trial_options(trial)
     options.add_link_options(trial)
     trial.add_argument("--keep-failures", action="store_true", help="keep episodes that failed too")
+    helped = parser.add_argument_group("help a policy (interventions, as in DAgger)")
+    helped.add_argument("--policy", type=Path, metavar="CHECKPOINT", help="it does the task first")
+    helped.add_argument(
+        "--take-over",
+        type=float,
+        metavar="S",
+        help="take over when the robot has not moved for so long (3)",
+    )
+    helped.add_argument(
+        "--take-over-latest",
+        type=float,
+        metavar="S",
+        help=f"take over in any case after so long ({_LATEST:g} of the task's time limit)",
+    )
     pictures = parser.add_argument_group("pictures")
     pictures.add_argument("--width", type=int, default=400, metavar="N", help="[pixels] (400)")
     pictures.add_argument("--height", type=int, default=300, metavar="N", help="[pixels] (300)")
@@ -142,12 +164,40 @@ def _config(arguments: argparse.Namespace) -> "EpisodeConfig":
         return {name: getattr(arguments, name) for name in names}
 
     values = options.trial_settings(arguments) | given("task", "raw_hands", "keep_failures")
+    times = (arguments.take_over, arguments.take_over_latest)
+    if arguments.policy is None and times != (None, None):
+        raise ConfigError("--take-over and --take-over-latest go with --policy")
     values["links"] = chosen_links(arguments.link)
     values["pictures"] = None if arguments.no_images else given("width", "height", "quality")
     try:
+        if arguments.policy is not None:
+            values["operator"] = _helped(arguments, values["operator"])
         return EpisodeConfig.checked(values)
     except TaskError as error:
         raise ConfigError(str(error)) from error
+
+
+def _helped(arguments: argparse.Namespace, operator: object) -> dict[str, object]:
+    """Return the policy that is helped by an operator, as settings of a trial."""
+    require("trill collect --policy", "policy", "torch", "safetensors")
+    from lab.learning.evaluation.plan import policy_spec
+    from lab.trials.operators.specs import SyntheticSpec
+    from services.policy.checkpoint.manifest import describe
+    from services.sim.tasks import find_task
+
+    assert isinstance(operator, SyntheticSpec)
+    # A training that goes on moves its link to the best checkpoint.
+    checkpoint = arguments.policy.resolve()
+    latest = arguments.take_over_latest
+    if latest is None:
+        latest = _LATEST * find_task(arguments.task).limit
+    given = {"stalled": arguments.take_over, "latest": latest}
+    return {
+        "kind": "helped",
+        "policy": policy_spec(checkpoint, describe(checkpoint), {}),
+        "traits": operator.traits,
+        "take_over": {name: value for name, value in given.items() if value is not None},
+    }
 
 
 def _collect(arguments: argparse.Namespace) -> int:
@@ -157,7 +207,8 @@ def _collect(arguments: argparse.Namespace) -> int:
     from lab.trials.executors import open_executor
 
     config = _config(arguments)
-    root, began = arguments.out or DATASETS / config.task.replace("/", "-"), monotonic()
+    name = config.task.replace("/", "-") + ("-interventions" if config.helped else "")
+    root, began = arguments.out or DATASETS / name, monotonic()
     try:
         with CollectionBar() as bar:
             progress = collect(

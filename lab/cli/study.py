@@ -1,4 +1,4 @@
-"""``trill study``: measure the effect of latency on an operator."""
+"""``trill study``: the effect of latency on an operator, and policies beside one another."""
 
 import argparse
 import os
@@ -22,7 +22,8 @@ completion time, success and workload. `latency` runs it with the synthetic oper
 time and writes the report; `add` adds trials of persons from their logs, `tlx` their answers on
 workload. The two kinds of operator are never pooled.
 
-`policies` tables the policies that trill eval has evaluated."""
+`policies` tables the policies that trill eval has evaluated, and can train and evaluate all kinds
+first."""
 EXAMPLES = """examples:
   trill study latency --episodes 25 --jobs 2
   trill study add runs/20260131-120000 --participant P01 --condition interpolation
@@ -181,6 +182,6 @@ LATENCY_COMMAND = Command(
     Action(LATENCY, LATENCY_EXAMPLES, _latency_options, _latency),
 )
 POLICIES_COMMAND = Command(
-    "policies", "tables of the policies that were evaluated", "lab.cli.study_policies:ACTION"
+    "policies", "policies, beside one another and the paper's", "lab.cli.study_policies:ACTION"
 )
 ACTION = Action(TEXT, EXAMPLES, add_arguments, run)

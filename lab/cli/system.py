@@ -1,12 +1,14 @@
 """Commands that start a system: ``trill demo``, ``trill drive`` and ``trill up``."""
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import ConfigError
 from common.packages import require
+from common.tables import validated
 from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
@@ -56,6 +58,9 @@ Operators come and go in terminals of their own, and start after it: one that wa
 port that it needs. With --task, an operator that comes while no other
 one is there begins a new trial: the plant is reset.
 
+With --teleop, a person operates the robot from a browser or a WebXR headset; the link is printed.
+`web` serves this machine only, `lan` the whole network; see trill teleop --help.
+
 With --policy, a policy operates the robot whenever nobody else has it. A person takes the robot
 with an operator of their own and gives it back; the policy then goes on."""
 UP_EXAMPLES = """examples:
@@ -65,6 +70,7 @@ UP_EXAMPLES = """examples:
   python -m services.teleop keyboard                                      or control it yourself
   trill up --task door/unlock --seed 7
   python -m services.teleop synthetic --task door/unlock --seed 7         in another terminal
+  trill up --task door/unlock --teleop web                open the link in a browser
   trill up --task door/unlock --policy runs/unlock/best
   python -m services.teleop keyboard           takes the robot from it by Enter, and gives it back
   trill up --policy runs/unlock/best --runtime onnx        without torch; see trill export-policy
@@ -215,6 +221,11 @@ def _drive(arguments: argparse.Namespace) -> int:
 def _up_arguments(parser: argparse.ArgumentParser) -> None:
     _add_system_options(parser)
     parser.add_argument("--no-record", action="store_true", help="write no log")
+    parser.add_argument(
+        "--teleop",
+        choices=["web", "lan"],
+        help="serve the operator's page: web to this machine, lan to the whole network",
+    )
     _add_policy_options(parser, "which operates the robot whenever nobody else does")
 
 
@@ -270,11 +281,36 @@ def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
     return [policy_process(arguments.policy.resolve(), *options)]
 
 
+def _pages(arguments: argparse.Namespace) -> "list[ProcessSpec]":
+    """Return the operator in a browser, if one is wanted, and print the link to its page.
+
+    Raises:
+        ConfigError: a package is missing, or the table ``[headset]`` is wrong.
+        TeleopError: certificate or token cannot be kept.
+    """
+    from common.transport.config import read_config_file
+    from deploy.system import headset_process
+    from services.teleop.headset.config import EVERY_ADDRESS, PACKAGES, HeadsetConfig
+
+    if arguments.teleop is None:
+        return []
+    require("--teleop", "headset", *PACKAGES)
+    from services.teleop.headset.credentials import prepare
+    from services.teleop.headset.serve import invitation
+
+    path = arguments.config or os.environ.get("TRILL_CONFIG")
+    table = read_config_file(Path(path), also=["headset"]).get("headset", {}) if path else {}
+    lan = {"address": EVERY_ADDRESS} if arguments.teleop == "lan" else {}
+    config = validated(HeadsetConfig, table, lan)
+    print(invitation(prepare(config), config.port))
+    return [headset_process(*(["--lan"] if lan else []))]
+
+
 def _up(arguments: argparse.Namespace) -> int:
     from lab.live.drive import run_up
 
-    policies = _policies(arguments)
-    ended = run_up(_system_options(arguments, restart=True), arguments.base_port, policies)
+    operators = [*_policies(arguments), *_pages(arguments)]
+    ended = run_up(_system_options(arguments, restart=True), arguments.base_port, operators)
     if arguments.no_record:
         print(f"{ended.verdict.outcome}: {ended.verdict.reason}; output in {ended.run_dir}")
         return int(ended.verdict.outcome != "completed")

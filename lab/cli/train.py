@@ -32,6 +32,9 @@ things of the scene are, with the simulator's answers, which a real robot does n
 in a minute what can be reached when nothing has to be seen. --inputs blind tells it nothing, which
 every other result should be compared with.
 
+Several --data are learned from together. Of an episode in which an operator took over from a policy
+only what the operator did is learned, unless training.interventions says otherwise.
+
 A training may be stopped or killed at any moment; the same command continues it, and with --steps
 it learns the same as without the break. A falling loss is no evidence that a policy succeeds:
 evaluate `best` and `last`.
@@ -46,6 +49,7 @@ EXAMPLES = f"""examples:
   trill train door/unlock --policy bc --recipe paper --minutes 5
   trill train door/unlock --recipe paper --set policy.inputs.joint_state=false
   trill train door/unlock --data {DATASETS}/late --out {POLICIES}/late
+  trill train door/unlock --data {DATASETS}/door-unlock --data {DATASETS}/door-unlock-interventions
 """
 
 
@@ -53,7 +57,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``trill train``."""
     add = parser.add_argument
     add("task", help="name of the task, as door/unlock; trill tasks lists them")
-    add("--data", type=Path, metavar="DIR", help=f"the data set ({DATASETS}/<task>)")
+    add(
+        "--data",
+        type=Path,
+        action="append",
+        metavar="DIR",
+        help=f"a data set ({DATASETS}/<task>); again for each further one",
+    )
+    add(
+        "--episodes",
+        type=options.count,
+        metavar="N",
+        help="learn from the first N successes of each, by seed (all)",
+    )
     add("--out", type=Path, metavar="DIR", help=f"the training ({POLICIES}/<task>-<options>)")
     add("--policy", choices=["trill", "bc-rnn", "bc"], default="trill", help="the network (trill)")
     add("--profile", choices=["cpu", "paper"], default="cpu", help="its size (cpu)")
@@ -68,8 +84,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--scene",
         default="",
         metavar="NAMES",
-        help="objects or numbers of the scene that it is told or estimates, with commas "
-        "(door/unlock: lever_grip,door_hinge,door_lever; other tasks: all)",
+        help="objects or numbers of the scene that it is told or estimates, with commas (those of "
+        "the task, for instance lever_grip,door_hinge,door_lever of door/unlock; else all)",
     )
     length = parser.add_argument_group("length")
     length.add_argument(
@@ -131,11 +147,10 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     except (RuntimeError, AssertionError) as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(f"torch cannot use --device {arguments.device}: {reason}") from error
-    task = arguments.task.replace("/", "-")
-    chosen = (arguments.policy, arguments.profile, arguments.recipe, arguments.inputs)
-    out = arguments.out or POLICIES / "-".join((task, *chosen))
+    data = tuple(arguments.data or [DATASETS / folder_name(arguments.task)])
+    out = arguments.out or POLICIES / training_name(arguments)
     try:
-        done = train(Job(arguments.task, arguments.data or DATASETS / task, out, recipe, device))
+        done = train(Job(arguments.task, data, out, recipe, device, arguments.episodes))
     except KeyboardInterrupt:
         print(f"\nstopped; {out} is kept: the same command continues it", file=sys.stderr)
         raise
@@ -143,6 +158,18 @@ def _train(arguments: argparse.Namespace, recipe: "Recipe") -> int:
     for name in (LAST, BEST)[: 1 + (done.best_step != done.step)]:
         print(f"evaluate it: trill eval {out / name}")
     return 0
+
+
+def training_name(arguments: argparse.Namespace) -> str:
+    """Return the name of a training's folder, unless it is given."""
+    chosen = (arguments.policy, arguments.profile, arguments.recipe, arguments.inputs)
+    size = [str(arguments.episodes)] if arguments.episodes else []
+    return "-".join((folder_name(arguments.task), *chosen, *size))
+
+
+def folder_name(task: str) -> str:
+    """Return the name of a task's data set, unless it is given."""
+    return task.replace("/", "-")
 
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":

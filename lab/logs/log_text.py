@@ -4,6 +4,7 @@ import time
 from dataclasses import asdict
 from typing import Any
 
+from common.operator.holds import Hold
 from services.logger.read.delivery import total
 from services.logger.read.episodes import Episode
 from services.logger.read.log_info import LogInfo, SegmentInfo, TopicInfo
@@ -11,11 +12,15 @@ from services.logger.record.units import format_duration, format_size
 from services.logger.repair.repair import RepairResult
 
 _MAX_LINKS = 20
+_MAX_HOLDS = 40
 
 
 def info_lines(info: LogInfo) -> list[str]:
     """Return everything that ``trill info`` prints, section by section."""
-    sections = [_head(info), _services(info), _topics(info), _episodes(info), _links(info)]
+    sections = [
+        *(_head(info), _services(info), _topics(info), _episodes(info)),
+        *(_holds(info), _links(info)),
+    ]
     lines = [line for section in sections if section for line in (*section, "")]
     return lines[:-1]
 
@@ -31,12 +36,18 @@ def as_json(info: LogInfo) -> dict[str, Any]:
         ],
         "services": info.boots,
         "episodes": [asdict(one) for one in info.episodes],
+        "holds": [_hold_as_json(one) for one in info.holds],
         "pauses": [asdict(one) for one in info.pauses],
         "remarks": info.remarks,
         "links": [
             {"at_ns": one.at_ns, **one.change.model_dump(exclude={"header"})} for one in info.links
         ],
     }
+
+
+def _hold_as_json(hold: Hold) -> dict[str, Any]:
+    named = {"kind": hold.kind.name.lower(), "ended": hold.ended.name.lower()}
+    return asdict(hold) | {"holder": hold.holder.source, "boot": hold.holder.boot} | named
 
 
 def repair_lines(done: RepairResult) -> list[str]:
@@ -92,8 +103,10 @@ def _segment_line(segment: SegmentInfo) -> str:
         state = "whole, repaired" if segment.repaired else "whole"
     elif segment.open:
         state = "being recorded"
-    else:
+    elif segment.readable:
         state = "CUT OFF OR DAMAGED: trill repair saves it"
+    else:
+        state = "CUT OFF OR DAMAGED: nothing in it can be saved"
     return f"{segment.path}  {format_size(segment.size)}, {segment.messages} messages, {state}"
 
 
@@ -152,6 +165,26 @@ def _episode_line(one: Episode, begin_ns: int, end_ns: int) -> str:
     length = one.seconds if one.end_ns else 1e-9 * max(0, end_ns - one.start_ns)
     start = 1e-9 * (one.start_ns - begin_ns)
     return f"{one.episode:>7} {start:>8.2f}s {length:>8.2f}s  {one.outcome:<11} {one.label}"
+
+
+def _holds(info: LogInfo) -> list[str]:
+    """Return who had the robot."""
+    if not info.holds:
+        return []
+    begin, last = info.segments[0].start_ns, info.segments[-1].end_ns
+    width = max(len("operator"), *(len(one.name) for one in info.holds))
+    lines = [f"{'operator':<{width}} {'start':>9} {'length':>9}  until"]
+    for one in info.holds[:_MAX_HOLDS]:
+        start, length = 1e-9 * (one.start - begin), 1e-9 * one.length(last)
+        mark = "INTERVENTION, " if one.intervention else ""
+        until = one.until or "the end of the log"
+        lines.append(f"{one.name:<{width}} {start:>8.2f}s {length:>8.2f}s  {mark}{until}")
+    if len(info.holds) > _MAX_HOLDS:
+        lines.append(f"  … {len(info.holds) - _MAX_HOLDS} more")
+    taken = [1e-9 * one.length(last) for one in info.holds if one.intervention]
+    if taken:
+        lines.append(f"{len(taken)} interventions, {sum(taken):.2f} s in all")
+    return lines
 
 
 def _links(info: LogInfo) -> list[str]:

@@ -39,6 +39,7 @@ SYNTHETIC = "services.teleop.synthetic.service:SyntheticOperator"
 """Publishes as teleop too, but its settings name no script."""
 UNREPLAYABLE: Mapping[str, str] = {
     "keyboard": "a person's keys do not come over the bus",
+    "headset": "what its pages send does not come over the bus",
 }
 """Services that cannot be replayed, and why."""
 _MAX_NS = 2**63

@@ -31,8 +31,8 @@ def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:
 
     In a section with gaits that is the first gait of each type, mid swing; in any other section
     it is when arms and grippers had moved furthest. If the operator gave no labels, ``spare``
-    evenly spaced moments are added. A fall is always shown. For a run with very many see
-    :func:`at_most`.
+    evenly spaced moments are added. A fall and hand-overs between
+    a policy and other operators are always shown. For a run with very many see :func:`at_most`.
     """
     if not timeline.truth:
         return []
@@ -50,6 +50,7 @@ def key_moments(timeline: Timeline, spare: int = 6) -> list[Moment]:
     if not timeline.labels:
         last = len(timeline.truth) - 1
         chosen += [Moment(last * number // spare, "") for number in range(spare + 1)]
+    chosen += [Moment(index, text) for index, text in timeline.handovers]
     if timeline.fall is not None:
         chosen.append(Moment(timeline.fall, FELL))
     unique = {moment.index: moment for moment in chosen}

@@ -172,6 +172,11 @@ def report_lines(summary: RunSummary) -> list[str]:
         f"{'stops, holder' if number == 0 else '':<14} {event.at:.1f} s: {event.text}"
         for number, event in enumerate(summary.events)
     ]
+    lines += [
+        f"{'interventions' if number == 0 else '':<14} {one.at:.1f} s: {one.operator} for "
+        f"{one.length:.1f} s" + (f", until {one.until}" if one.until else "")
+        for number, one in enumerate(summary.interventions)
+    ]
     lines += [_service_line(name, service) for name, service in summary.services.items()]
     gaps = sum(topic.gaps for topic in summary.topics.values())
     dropped = sum(topic.dropped for topic in summary.topics.values())

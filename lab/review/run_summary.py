@@ -169,6 +169,15 @@ class Event(_Part):
     text: str
 
 
+class Intervention(_Part):
+    """A span in which another operator had the robot in place of a policy."""
+
+    operator: str = Field(description="source and kind, for instance teleop (person)")
+    at: float = Field(description="robot time since the first state [s]")
+    length: float = Field(description="robot time [s]")
+    until: str = Field(description="why it ended; empty: it had not when the run ended")
+
+
 class RunSummary(_Part):
     """Numbers of one run, as written to ``summary.json``."""
 
@@ -182,6 +191,9 @@ class RunSummary(_Part):
     tracking: Tracking
     trials: list[TaskTrial] = Field(default=[], description="of the scored task; empty without one")
     events: list[Event] = Field(default=[], description="stops and hand-overs, in order")
+    interventions: list[Intervention] = Field(
+        default=[], description="of persons and scripts in the work of a policy, in order"
+    )
     services: dict[str, ServiceTiming]
     topics: dict[str, TopicStats]
     log_truncated: bool = Field(

@@ -7,6 +7,7 @@ messages and come from the caller; every other number is what the services publi
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
+from common.operator.holds import HoldBook
 from common.schemas import (
     AuthorityState,
     ControllerState,
@@ -25,7 +26,7 @@ from common.schemas import (
 )
 from common.topics import PLANT_TRUTH, Topic
 from deploy.launch import Outcome
-from lab.review.run_summary import Event, GaitCounts, GaitRun, RunSummary
+from lab.review.run_summary import Event, GaitCounts, GaitRun, Intervention, RunSummary
 from lab.review.scoring import GaitTracker
 from lab.review.summary_readers import (
     LogFindings,
@@ -97,6 +98,7 @@ def summarise(
         tracking=tracking.stats(),
         trials=task.trials(),
         events=events.found,
+        interventions=events.interventions(plant.duration),
         services=services.stats(),
         topics=topics.stats(found),
         log_truncated=found.truncated,
@@ -111,12 +113,23 @@ class _Events:
     def __init__(self) -> None:
         self.found: list[Event] = []
         self._lines = EventLines()
+        self._book = HoldBook()
 
     def read(self, message: Message, plant: PlantReader) -> None:
         if isinstance(message, AuthorityState | Estop | EstopClear | PlantStatus):
             text, _ = self._lines.line(message)
             if text:
                 self.found.append(Event(at=plant.duration, text=text))
+        if isinstance(message, AuthorityState):
+            self._book.observe(message, plant.duration)
+
+    def interventions(self, now: float) -> list[Intervention]:
+        """Return the interventions until ``now`` [s]."""
+        return [
+            Intervention(operator=one.name, at=one.start, length=one.length(now), until=one.until)
+            for one in self._book.holds
+            if one.intervention
+        ]
 
 
 def _counts(runs: list[GaitRun]) -> GaitCounts:

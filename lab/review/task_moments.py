@@ -11,7 +11,7 @@ START = "start"
 
 
 def task_moments(timeline: Timeline, wanted: int = 8) -> list[Moment]:
-    """Choose the start, each stage's completion, each undesired contact, verdicts and a fall.
+    """Choose the start, stages' completions, undesired contacts, hand-overs, verdicts and a fall.
 
     If these are fewer than ``wanted``, the longest gaps between them are halved by further
     moments, captioned with the operator's label. For a run with very many see
@@ -20,7 +20,7 @@ def task_moments(timeline: Timeline, wanted: int = 8) -> list[Moment]:
     if not timeline.truth:
         return []
     labels: dict[int, list[str]] = {}
-    for index, label in _events(timeline):
+    for index, label in (*_events(timeline), *timeline.handovers):
         labels.setdefault(index, []).append(label)
     if timeline.fall is not None:
         labels.setdefault(timeline.fall, []).append(FELL)

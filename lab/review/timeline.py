@@ -11,8 +11,10 @@ from functools import partial
 from itertools import pairwise
 from typing import Any
 
+from common.operator.holds import HoldBook
 from common.robot.pose import Pose2
 from common.schemas import (
+    AuthorityState,
     CameraFrame,
     Gait,
     GaitOutcome,
@@ -72,6 +74,7 @@ class Timeline:
         labels: (index, label) at each change of the operator's label.
         gaits: the completed gaits.
         fall: index of the first fall; None without one.
+        handovers: (index, text) where an operator took over from a policy or gave back to one.
         left_images: those of the robot's left camera.
         right_images: those of the robot's right camera.
         task_changes: (index, status) at each change of the scored task; trials that passed
@@ -88,6 +91,7 @@ class Timeline:
     labels: list[tuple[int, str]] = field(default_factory=list)
     gaits: list[GaitSpan] = field(default_factory=list)
     fall: int | None = None
+    handovers: list[tuple[int, str]] = field(default_factory=list)
     left_images: ImageSeries = field(default_factory=ImageSeries)
     right_images: ImageSeries = field(default_factory=ImageSeries)
     task_changes: list[tuple[int, TaskStatus]] = field(default_factory=list)
@@ -103,6 +107,7 @@ class Timeline:
     """Robot time between two ground truths [s]."""
     _seconds: "array[float]" = field(default_factory=lambda: array("d"))
     """Robot time at each ground truth [s]."""
+    _book: HoldBook = field(default_factory=HoldBook)
     _unattended: set[tuple[int, int]] = field(default_factory=set)
     """Trials that passed before an operator came."""
 
@@ -160,6 +165,9 @@ class Timeline:
             case CameraFrame():
                 images = self.left_images if message.eye == "left" else self.right_images
                 images.add(now, message)
+            case AuthorityState() if self._book.observe(message, now):
+                if self._book.handover:
+                    self.handovers.append((now, self._book.handover))
             case TaskStatus() if trial_of(message) not in self._unattended:
                 if self.task is None or _task_state(self.task) != _task_state(message):
                     self.task_changes.append((now, message))
@@ -179,6 +187,7 @@ class Timeline:
         self.labels = [(index // 2, label) for index, label in self.labels]
         self.gaits = [GaitSpan(one.start // 2, one.end // 2, one.gait) for one in self.gaits]
         self.fall = None if self.fall is None else self.fall // 2
+        self.handovers = [(index // 2, text) for index, text in self.handovers]
         self.left_images.halve_indices()
         self.right_images.halve_indices()
         self.task_changes = [(index // 2, status) for index, status in self.task_changes]

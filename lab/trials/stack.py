@@ -47,6 +47,7 @@ class TaskStack:
         plant: the plant's service.
         wbc: the controller's service.
         operator: tells what the operator is doing.
+        cameras: the cameras' service; None: there is none.
         links: the delays under which the trial runs.
         runner: hosts the services.
         status: the task's last status; None before the first.
@@ -56,6 +57,7 @@ class TaskStack:
         self,
         spec: TrialSpec,
         *,
+        cameras: Service | None = None,
         beside: Sequence[Service] = (),
         record: bool = False,
         journal: bool | None = None,
@@ -64,7 +66,9 @@ class TaskStack:
 
         Args:
             spec: the trial.
-            beside: services to run beside them, before the operator at equal times.
+            cameras: cameras of a trial whose operator brings none; it has some if it sees.
+            beside: services to run beside them, after the cameras and before the operator at equal
+                times.
             record: option of the runner.
             journal: option of the runner.
         """
@@ -81,7 +85,10 @@ class TaskStack:
         overrides = {"hands": {"mode": "raw"}} if spec.raw_hands else {}
         self.wbc = WbcService(wbc_config(spec.torque_mode, spec.pace, **overrides))
         self.operator, services = build_operator(spec)
-        around = (*beside, *services)
+        own = [service for service in services if service.name in SENSORS]
+        self.cameras = own[0] if own else cameras
+        seeing = () if self.cameras is None else (self.cameras,)
+        around = (*seeing, *beside, *(service for service in services if service not in own))
         self.links = links_used(spec.task, spec.links)
         self.runner = SimTimeRunner(
             [self.plant, self.wbc, *around],

@@ -31,6 +31,11 @@ class InputConfig(StrictModel):
     picture_size: tuple[Annotated[int, Field(ge=8)], Annotated[int, Field(ge=8)]] = Field(
         default=(400, 300), description="width and height to which pictures are scaled [pixels]"
     )
+    body_poses: bool = Field(
+        default=True,
+        description="measured poses of hands and feet; false: without joint_state and "
+        "gripper_closure nothing that joints measure is left",
+    )
     joint_state: bool = Field(
         default=True, description="joint positions and velocities; false: the paper's ablation"
     )
@@ -55,6 +60,12 @@ class InputConfig(StrictModel):
             )
         return self
 
+    @model_validator(mode="after")
+    def _something_measured(self) -> Self:
+        if not self.measured_width:
+            raise ValueError("expected body_poses, joint_state or another input, got none")
+        return self
+
     @property
     def cameras(self) -> Cameras:
         """Cameras whose pictures the policy sees."""
@@ -67,12 +78,13 @@ class InputConfig(StrictModel):
 
         The last one is the controller's discrete state, one number for each value.
         """
-        found = {"observation/poses": _width("observation/poses")}
-        if self.joint_state:
-            for path in ("observation/joint_sin_cos", "observation/joint_velocity"):
-                found[path] = _width(path)
-        if self.gripper_closure:
-            found["observation/gripper_closure"] = _width("observation/gripper_closure")
+        measured = {
+            "observation/poses": self.body_poses,
+            "observation/joint_sin_cos": self.joint_state,
+            "observation/joint_velocity": self.joint_state,
+            "observation/gripper_closure": self.gripper_closure,
+        }
+        found = {path: _width(path) for path, wanted in measured.items() if wanted}
         if self.previous_setpoint:
             # Positions and rotation vectors of two hands.
             found["previous_setpoint"] = 12
@@ -171,8 +183,8 @@ class ChunkConfig(StrictModel):
     steps: int = Field(default=20, ge=1, description="set-points in a chunk, 20 a second")
     active_time: bool = Field(
         default=True,
-        description="the label is the next moving frames, so that the pauses of the "
-        "demonstrations are not learned",
+        description="the label is the next frames in which a hand or gripper moves or the robot "
+        "walks, so that the pauses of the demonstrations are not learned",
     )
 
     @property

@@ -1,4 +1,4 @@
-"""``python -m services.teleop scripted|keyboard|synthetic``: an operator as a process."""
+"""``python -m services.teleop scripted|keyboard|headset|synthetic``: an operator as a process."""
 
 import argparse
 import signal
@@ -9,10 +9,14 @@ from typing import TypeVar
 
 from pydantic import BaseModel
 
+from common.packages import require
 from common.runtime.live.main import OptionFormatter, run_live
+from common.runtime.service import Service
 from common.schemas import Gait
 from common.tables import validated
-from services.teleop.keyboard.console import KeyboardConfig
+from services.teleop.headset.config import PACKAGES, add_page_options, page_config
+from services.teleop.headset.service import HeadsetOperator
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.keyboard.screen import help_lines
 from services.teleop.keyboard.service import KeyboardOperator
 from services.teleop.keyboard.terminal import Terminal
@@ -23,12 +27,13 @@ from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.teleop.synthetic.strategies import STRATEGIES
 from services.teleop.synthetic.traits import TRAITS
 
-USAGE = """usage: python -m services.teleop {scripted,keyboard,synthetic} [options]
+USAGE = """usage: python -m services.teleop {scripted,keyboard,headset,synthetic} [options]
 
 Run an operator: it sends hand, gripper and neck set-points at 20 Hz, and gait requests.
 
   scripted   plays a script with the robot's feedback, then exits: 0 if it succeeded
   keyboard   is a person at this terminal, also over ssh and in tmux
+  headset    is a person in a browser or a WebXR headset
   synthetic  does a scored task through the same input as a headset, then exits
 
 The robot's side (plant and controller) runs in processes of its own, started before or after.
@@ -76,6 +81,12 @@ first key that moves the robot takes it. Until then this operator only watches. 
 Backspace or Delete is the emergency stop, at any time and in any keyboard layout; b b ends it. A
 gait requested while the robot walks is refused, and the screen shows it."""
 
+HEADSET = """Operate the robot from a browser or a WebXR headset. A page is served at the link that
+is printed. It shows the robot's stereo pictures. On a desktop, the pointer drags the hands and the
+keys are those of the keyboard operator. In a headset, a hand follows its controller while the
+squeeze (grip) button is held. Only this machine reaches the page unless --lan is given, which
+serves it over HTTPS to the whole network."""
+
 M = TypeVar("M", bound=BaseModel)
 
 
@@ -121,12 +132,24 @@ def _synthetic_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="wait for a reset of the plant after the task instead of ending",
     )
+    group.add_argument(
+        "--take-over",
+        type=_seconds,
+        metavar="S",
+        help="let a policy begin, and take over from it when the robot has not moved for so long",
+    )
 
 
 def _keyboard_arguments(parser: argparse.ArgumentParser) -> None:
     parser.prog = "python -m services.teleop keyboard"
     parser.epilog = "\n".join(["keys:", *help_lines()])
     parser.formatter_class = _Formatter
+
+
+def _headset_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.prog = "python -m services.teleop headset"
+    parser.formatter_class = _Formatter
+    add_page_options(parser)
 
 
 def _positive(text: str) -> int:
@@ -163,6 +186,7 @@ def build_synthetic(arguments: argparse.Namespace) -> SyntheticOperator:
     """
     given = {"task": arguments.task, "seed": arguments.seed, "stay": arguments.stay or None}
     given["traits"] = TRAITS[arguments.traits].model_dump() if arguments.traits else None
+    given["take_over"] = {"stalled": arguments.take_over} if arguments.take_over else None
     options = {name: value for name, value in given.items() if value is not None}
     arguments.settings = {**arguments.settings, **options}
     return SyntheticOperator(validated(SyntheticConfig, arguments.settings))
@@ -176,6 +200,19 @@ def build_keyboard(arguments: argparse.Namespace) -> KeyboardOperator:
         TerminalError: this process has no terminal.
     """
     return KeyboardOperator(Terminal(), validated(KeyboardConfig, arguments.settings))
+
+
+def build_headset(arguments: argparse.Namespace) -> Service:
+    """Build the operator in a browser; its table in the configuration file is ``[headset]``.
+
+    Raises:
+        ConfigError: the table or an option is wrong, or a package is missing.
+        TeleopError: the page cannot be served.
+    """
+    require("the headset operator", "headset", *PACKAGES)
+    from services.teleop.headset.serve import serve
+
+    return serve(page_config(arguments, arguments.settings), new_token=arguments.new_token)
 
 
 def _stop_on_hangup() -> None:
@@ -208,6 +245,16 @@ def _run_keyboard(argv: list[str]) -> int:
     )
 
 
+def _run_headset(argv: list[str]) -> int:
+    return run_live(
+        build_headset,
+        HeadsetOperator.name,
+        argv,
+        add_arguments=_headset_arguments,
+        description=HEADSET,
+    )
+
+
 def _run_synthetic(argv: list[str]) -> int:
     return run_live(
         build_synthetic,
@@ -221,6 +268,7 @@ def _run_synthetic(argv: list[str]) -> int:
 MODES: dict[str, Callable[[list[str]], int]] = {
     "scripted": _run_scripted,
     "keyboard": _run_keyboard,
+    "headset": _run_headset,
     "synthetic": _run_synthetic,
 }
 

@@ -44,6 +44,7 @@ from services.policy.service import PolicyOperator
 from services.policy.serving.inference import InferenceServer
 from services.sim.rendering.cameras import CameraService
 from services.sim.service import PlantService
+from services.teleop.headset.service import HeadsetOperator
 from services.teleop.keyboard.service import KeyboardOperator
 from services.teleop.scripted.service import ScriptedOperator
 from services.teleop.synthetic.service import SyntheticOperator
@@ -251,6 +252,7 @@ SERVICE_CLASSES: tuple[type[Service], ...] = (
     ScriptedOperator,
     SyntheticOperator,
     KeyboardOperator,
+    HeadsetOperator,
     PolicyOperator,
 )
 FROM_TOOLS = {(topic.name, Role.TOOL) for topic in (EPISODE, PLANT_REQUEST, ESTOP, ESTOP_CLEAR)}

@@ -9,7 +9,7 @@ from common.episodes.episode_file import EpisodeMeta
 from common.errors import TrillError
 from lab.trials.links import links_used
 from lab.trials.operators.kinds import operator_code
-from lab.trials.operators.specs import OperatorSpec
+from lab.trials.operators.specs import HelpedSpec, OperatorSpec
 from lab.trials.provenance import PHYSICS, CodeVersion
 from lab.trials.spec import LinkTable, TrialSettings, TrialSpec, validated
 from services.sim.rendering.cameras import CameraConfig
@@ -69,6 +69,21 @@ class EpisodeConfig(TrialSettings):
         config = validated(cls, values)
         find_task(config.task)
         return config
+
+    @model_validator(mode="after")
+    def _ages_as_of_the_policy(self) -> Self:
+        of_policy = [name for name in self.links if name.startswith("policy:")]
+        if self.helped and of_policy:
+            raise ValueError(
+                f"{', '.join(of_policy)}: expected links of all services where a policy operates "
+                "the robot, as camera=80ms: its pictures are recorded as these make them old"
+            )
+        return self
+
+    @property
+    def helped(self) -> bool:
+        """Whether a policy operates the robot, and another operator takes over from it."""
+        return isinstance(self.operator, HelpedSpec)
 
     @classmethod
     def of(cls, meta: EpisodeMeta) -> Self:

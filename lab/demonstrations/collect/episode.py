@@ -14,6 +14,9 @@ from lab.trials.workers import Stop, stop_request
 from services.sim.rendering.cameras import CameraService
 from services.sim.tasks import find_task
 
+UNAIDED = "unaided"
+"""Verdict on a trial in which a policy was to be helped and succeeded without."""
+
 
 @dataclass(frozen=True)
 class EpisodeResult:
@@ -50,40 +53,52 @@ def make_episode(config: EpisodeConfig, seed: int, stop: Stop | None = None) -> 
     """
     began = perf_counter()
     stop = stop or stop_request()
-    notes, pictures = MomentNotes(find_task(config.task).scene), PictureInput()
-    # Without pictures too: their times stay in the frames, and the frames the same.
-    cameras = CameraService((config.pictures or PictureConfig()).camera(notes.scene), notes)
-    stack = TaskStack(config.trial(seed), beside=(cameras, pictures))
-    recorder = EpisodeRecorder(stack, pictures)
+    stack, notes, pictures = _set_up(config, seed)
+    recorder = EpisodeRecorder(stack, pictures, operators=2 if config.helped else 1)
     result = stack.run_or_error(stop)
     meta = _meta(config, recorder, result)
     content, rendering = None, 0.0
-    if meta.success or (config.keep_failures and meta.verdict != "error"):
+    if meta.success or (config.keep_failures and meta.verdict not in {"error", UNAIDED}):
         before = perf_counter()
         files = {}
         if config.pictures is not None:
-            moments = (notes.moments[number] for number in recorder.moments)
+            moments = (notes.moments[stamp] for stamp in recorder.frames.pictures)
             files = render(config.task, config.pictures, moments, stop)
         rendering = perf_counter() - before
-        content = to_bytes(meta, recorder.rows, files, recorder.names)
+        content = to_bytes(meta, recorder.frames.rows, files, recorder.names)
     return EpisodeResult(meta, content, result.simulated, perf_counter() - began, rendering)
 
 
+def _set_up(config: EpisodeConfig, seed: int) -> tuple[TaskStack, MomentNotes, PictureInput]:
+    """Return the trial, notes of what its pictures show, and what takes these pictures in."""
+    notes = MomentNotes(find_task(config.task).scene)
+    # A policy brings itself, and cameras of its own if it sees.
+    pictures = PictureInput("pictures" if config.helped else "policy")
+    # Without pictures too: their times stay in the frames, and the frames the same.
+    cameras = CameraService((config.pictures or PictureConfig()).camera(notes.scene), notes)
+    stack = TaskStack(config.trial(seed), beside=(pictures,), cameras=cameras)
+    if stack.cameras is not cameras:
+        notes.follow(stack.runner)
+    return stack, notes, pictures
+
+
 def _meta(config: EpisodeConfig, recorder: EpisodeRecorder, result: TrialResult) -> EpisodeMeta:
-    code, size = collecting_code(config.operator), config.pictures
-    step = config.physics_steps * PHYSICS_STEP_NS
+    code, size, frames = collecting_code(config.operator), config.pictures, recorder.frames
+    step, kind = config.physics_steps * PHYSICS_STEP_NS, config.operator.kind
+    # The steps of robot time need not fit into the period of the frames.
+    tolerance = step if PERIOD_NS % step else 0
+    unaided = config.helped and result.verdict == "success" and frames.operator == "policy"
     return EpisodeMeta(
-        operator=config.operator.kind,
+        operator=frames.operator if kind == "helped" else kind,
         task=config.task,
         goal=find_task(config.task).goal,
         seed=result.seed,
-        verdict=result.verdict,
-        reason=result.reason,
+        verdict=UNAIDED if unaided else result.verdict,
+        reason="the policy needed no help" if unaided else result.reason,
         completion_time=result.time,
         verdict_frame=recorder.verdict_frame,
-        frames=len(recorder.rows),
-        # The steps of robot time need not fit into the period of the frames.
-        frame_tolerance=step * 1e-9 if PERIOD_NS % step else 0.0,
+        frames=len(frames),
+        frame_tolerance=max(tolerance, frames.worst_ns if config.helped else 0) * 1e-9,
         picture_size=None if size is None else (size.width, size.height),
         stages=result.stages,
         gave_up=result.gave_up,

@@ -4,13 +4,14 @@ The trial hosts the camera service itself, whose ticks decide which moment a pic
 it is published. Only its source of pictures is another: it notes what it would draw.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 
 from common.episodes.columns import CAMERAS, RATE
 from common.runtime.service import Inputs, Output, Service
+from common.runtime.simulated.runner import SimTimeRunner
 from common.schemas import CameraFrame, PlantState, SceneState
-from common.topics import CAMERA_LEFT, CAMERA_RIGHT
+from common.topics import CAMERA_LEFT, CAMERA_RIGHT, PLANT_TRUTH, TASK_SCENE
 from lab.demonstrations.collect.config import PictureConfig
 from lab.errors import StoppedError
 from lab.trials.workers import Stop
@@ -22,33 +23,40 @@ Moment = tuple[PlantState, SceneState | None]
 
 
 class MomentNotes:
-    """Stands in for the renderer: notes moments, and gives their numbers as pictures.
+    """Stands in for the renderer: notes the moments of pictures, and draws nothing.
 
     Attributes:
         scene: name of the surroundings.
-        moments: what each stereo pair shows.
+        moments: what each stereo pair shows, by when it was taken [ns].
     """
 
     def __init__(self, scene: str) -> None:
         self.scene = scene
-        self.moments: list[Moment] = []
+        self.moments: dict[int, Moment] = {}
+        self._scene: SceneState | None = None
 
     def files(
         self, state: PlantState, cameras: Sequence[str], objects: SceneState | None = None
     ) -> list[bytes]:
-        """Note a moment and return its number, as text, for each camera."""
-        number = str(len(self.moments)).encode()
-        self.moments.append((state, objects))
-        return [number] * len(cameras)
+        """Note a moment and return an empty file for each camera."""
+        self.moments[state.header.stamp] = (state, objects)
+        return [b""] * len(cameras)
+
+    def follow(self, runner: SimTimeRunner) -> None:
+        """Note all that cameras other than these could see in a trial that has not begun."""
+        runner.on_message(PLANT_TRUTH, self._on_truth)
+        runner.on_message(TASK_SCENE, self._on_scene)
+
+    def _on_scene(self, scene: SceneState) -> None:
+        self._scene = scene
+
+    def _on_truth(self, state: PlantState) -> None:
+        # The scene, if it moves, was published just before.
+        self.moments[state.header.stamp] = (state, self._scene)
 
     def close(self) -> None:
         """Keep the notes."""
         return
-
-
-def moment_number(frame: CameraFrame) -> int:
-    """Return which of :attr:`MomentNotes.moments` a frame of the camera service stands for."""
-    return int(frame.data)
 
 
 class PictureInput(Service):
@@ -58,14 +66,16 @@ class PictureInput(Service):
 
     Attributes:
         newest: the newest left picture whose right one has arrived too; None: none has.
+        on_step: called in each step, after it has taken in what had arrived.
     """
 
-    name = "policy"
     period_ns = 1_000_000_000 // RATE
     reads = (CAMERA_LEFT, CAMERA_RIGHT)
 
-    def __init__(self) -> None:
+    def __init__(self, name: str = "policy") -> None:
+        self.name = name
         self.newest: CameraFrame | None = None
+        self.on_step: Callable[[], None] = lambda: None
 
     def step(self, inputs: Inputs, now_ns: int) -> Sequence[Output]:
         """Take in what has arrived."""
@@ -73,6 +83,7 @@ class PictureInput(Service):
         if inputs.updated(CAMERA_LEFT) or inputs.updated(CAMERA_RIGHT):
             pair = inputs.latest_pair(CAMERA_LEFT, CAMERA_RIGHT)
             self.newest = None if pair is None else pair[0]
+        self.on_step()
         return ()
 
 

@@ -21,7 +21,7 @@ class Rates(NamedTuple):
     partial: int
 
 
-_TASKS: Final = (
+PAPER_TASKS: Final = (
     "door/walk", "door/unlock", "door/push", "bench/walk", "bench/hammer", "bench/push",
 )  # fmt: skip
 _RATES: Final = {
@@ -34,7 +34,7 @@ _RATES: Final = {
     "trill, categorical": ((52, 84), (92, 96), (80, 80), (92, 96), (36, 64), (32, 40)),
 }
 PAPER: Final[dict[str, dict[str, Rates]]] = {
-    name: {task: Rates(*pair) for task, pair in zip(_TASKS, rates, strict=True)}
+    name: {task: Rates(*pair) for task, pair in zip(PAPER_TASKS, rates, strict=True)}
     for name, rates in _RATES.items()
 }
 """Rates by name of the policy, as :func:`~lab.learning.evaluation.names.policy_name` has it."""

@@ -36,7 +36,7 @@ def policy_spec(
         "origin": manifest.origin.model_dump(mode="json"),
     }
     changed = ", ".join(f"{name}={value}" for name, value in serving.items())
-    name = ", ".join(filter(None, [policy_name(about["policy"]), changed]))
+    name = ", ".join(filter(None, [str(policy_name(about["policy"])), changed]))
     return PolicySpec(
         checkpoint=str(checkpoint),
         digest=description.digest,

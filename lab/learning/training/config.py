@@ -62,6 +62,25 @@ class ViewsConfig(StrictModel):
     contrast: float = Field(default=0.1, ge=0.0, description="of the pictures' jitter [1]")
 
 
+class InterventionConfig(StrictModel):
+    """What is learned from episodes in which an operator took over from a policy.
+
+    By default the operator's frames count, like all other frames, and the policy's do not
+    (HG-DAgger, Kelly et al. 2019).
+    """
+
+    share: float | None = Field(
+        default=None,
+        gt=0.0,
+        lt=1.0,
+        description="part of the windows that begin in an intervention, however few there are, for "
+        "instance 0.5 (Mandlekar et al. 2020); null: as many as there are",
+    )
+    policy_frames: bool = Field(
+        default=False, description="learn from what policies did in successful episodes, too"
+    )
+
+
 class TrainingConfig(StrictModel):
     """How a policy learns."""
 
@@ -94,6 +113,7 @@ class TrainingConfig(StrictModel):
     )
     noise: NoiseConfig = NoiseConfig()
     views: ViewsConfig = ViewsConfig()
+    interventions: InterventionConfig = InterventionConfig()
     held_out: float = Field(
         default=0.1, gt=0.0, lt=1.0, description="part of the episodes that is not learned from"
     )

@@ -106,7 +106,8 @@ def _heat_loss(heats: list[Tensor], points: Tensor) -> Tensor:
         if not bool(inside.any()):
             continue
         size = torch.tensor((width, height), device=heat.device)
-        at = (seen + 1.0) * size / 2.0 - 0.5
+        # Where an object is behind the camera: NaN times no gradient is NaN.
+        at = (seen.nan_to_num() + 1.0) * size / 2.0 - 0.5
         x = torch.arange(width, device=heat.device) - at[..., 0, None]
         y = torch.arange(height, device=heat.device) - at[..., 1, None]
         squares = x.square()[..., None, :] + y.square()[..., :, None]

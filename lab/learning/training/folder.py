@@ -8,6 +8,7 @@
     checkpoints/000800       a checkpoint, named by its step
     best, last               links to checkpoints: of the least held-out loss, and the newest
 
+XX
 Nothing in it is ever unpickled.
 """
 
@@ -36,6 +37,7 @@ from services.policy.networks.policy import PolicyNetwork
 from services.policy.processor.processor import Processor
 
 SETTINGS, STATE, ESTIMATOR = "training.json", "state.safetensors", "estimator.safetensors"
+SHARED = "estimators"
 METRICS, CURVES = "metrics.jsonl", "curves.png"
 CHECKPOINTS, BEST, LAST = "checkpoints", "best", "last"
 
@@ -113,24 +115,45 @@ class TrainingFolder:
                 f"--out. There | asked for:\n  {differences}"
             )
 
-    def save_estimator(self, parts: nn.Module, error: list[float]) -> None:
-        """Keep the parts of a network that estimate the scene, and their normalised error."""
+    def save_estimator(self, parts: nn.Module, error: list[float], key: str) -> None:
+        """Keep the parts of a network that estimate the scene, and their normalised error.
+
+        Args:
+            parts: of the network.
+            error: of each number that they estimate.
+            key: under which other trainings find them.
+
+        Raises:
+            TrainingError: they cannot be written.
+        """
         content = save(_on_cpu(parts.state_dict()), {"about": json.dumps(error)})
         write_file(self.root / ESTIMATOR, content, TrainingError)
+        shared = self._shared(key)
+        with disk_errors(shared, TrainingError):
+            shared.parent.mkdir(exist_ok=True)
+        write_file(shared, content, TrainingError)
 
-    def load_estimator(self, parts: nn.Module) -> list[float] | None:
-        """Read ``parts`` as they were kept and return their error; None: they were not.
+    def load_estimator(self, parts: nn.Module, key: str) -> list[float] | None:
+        """Read ``parts`` as they were kept here or beside it, and return their error.
+
+        Returns:
+            None: they were not kept.
 
         Raises:
             TrainingError: the file is damaged.
         """
         found = _read(self.root / ESTIMATOR)
         if found is None:
-            return None
+            if (found := _read(self._shared(key))) is None:
+                return None
+            write_file(self.root / ESTIMATOR, self._shared(key).read_bytes(), TrainingError)
         tensors, about = found
         parts.load_state_dict(tensors)
         error: list[float] = json.loads(about)
         return error
+
+    def _shared(self, key: str) -> Path:
+        return self.root.parent / SHARED / f"{key[:16]}.safetensors"
 
     def save_state(self, learner: Learner, progress: Progress) -> None:
         """Keep weights and optimiser."""
@@ -142,8 +165,8 @@ class TrainingFolder:
         content = save(_on_cpu(tensors), {"about": progress.model_dump_json()})
         write_file(self.root / STATE, content, TrainingError)
 
-    def load_state(self, learner: Learner) -> Progress:
-        """Go on where :meth:`save_state` was; the first step if it never was.
+    def progress(self) -> Progress:
+        """Return how far :meth:`save_state` was; the first step if it never was.
 
         Raises:
             TrainingError: the file is damaged.
@@ -152,11 +175,21 @@ class TrainingFolder:
         found = _read(path)
         if found is None:
             return Progress()
-        tensors, about = found
         try:
-            progress = Progress.model_validate_json(about)
+            return Progress.model_validate_json(found[1])
         except ValidationError as error:
             raise TrainingError(f"{path}: {explain(error)}") from error
+
+    def load_state(self, learner: Learner) -> Progress:
+        """Go on where :meth:`save_state` was; the first step if it never was.
+
+        Raises:
+            TrainingError: the file is damaged.
+        """
+        progress, found = self.progress(), _read(self.root / STATE)
+        if found is None:
+            return progress
+        tensors, _ = found
         optimiser: dict[int, dict[str, Tensor]] = {}
         parts: dict[str, dict[str, Tensor]] = {"network": {}, "averaged": {}}
         for name, tensor in tensors.items():

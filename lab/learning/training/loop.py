@@ -56,7 +56,7 @@ def run_steps(
         event_files(folder.root, progress.step) if processes.first else nullcontext() as events,
         ProgressBar("training", None if config.minutes else config.steps) as bar,
     ):
-        while (done := _part_done(config, progress)) < 1.0:
+        while (done := part_done(config, progress)) < 1.0:
             rng = np.random.default_rng((config.seed, progress.step))
             batch = learned.draw(rng, config.batch, *spreads, part)
             gathered.append(learner.learn(batch, done))
@@ -65,7 +65,7 @@ def run_steps(
                 seconds = processes.agreed(seconds)
             progress = progress.model_copy(update={"step": progress.step + 1, "seconds": seconds})
             bar.show(progress.step, text=f"loss {gathered[-1]['loss']:.2f}")
-            over = _part_done(config, progress) >= 1.0
+            over = part_done(config, progress) >= 1.0
             if events is None or (progress.step % config.validate_every and not over):
                 continue
             valid = learner.validate(batches)
@@ -80,7 +80,7 @@ def run_steps(
     return progress
 
 
-def _part_done(config: TrainingConfig, progress: Progress) -> float:
+def part_done(config: TrainingConfig, progress: Progress) -> float:
     """Return which part of the training is done, from 0 to 1."""
     if config.minutes is not None:
         return progress.seconds / (60.0 * config.minutes)

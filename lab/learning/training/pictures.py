@@ -66,7 +66,8 @@ def _kept(demonstration: Demonstration, cameras: Cameras) -> Iterator[list[Pictu
 
     def decoded() -> Iterator[list[Picture]]:
         with open_episode(demonstration.path) as episode:
-            for frame in range(demonstration.frames):
+            first = demonstration.first
+            for frame in range(first, first + demonstration.frames):
                 yield [episode.picture(camera, frame) for camera in cameras]
 
     return decoded()

@@ -15,16 +15,18 @@ from lab.learning.training.demonstrations import (
     digest_of,
     divide,
     episode_files,
+    in_words,
     read_demonstrations,
 )
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
+from lab.learning.training.estimator_key import estimator_key
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
 from lab.learning.training.learner import Learner
-from lab.learning.training.loop import run_steps
+from lab.learning.training.loop import part_done, run_steps
 from lab.learning.training.pictures import read_pictures
 from lab.learning.training.processes import Processes, together
 from lab.learning.training.recipes import Recipe
-from lab.learning.training.truth import TruthReader
+from lab.learning.training.truth import TRUTH, TruthReader
 from lab.learning.training.views import Views, render_views, rendered
 from lab.learning.training.windows import Spread, Windows, observation_spread
 from lab.progress import ProgressBar
@@ -47,17 +49,19 @@ class Job:
 
     Attributes:
         task: of the demonstrations.
-        data: folder of the data set.
+        data: folders of the data sets.
         out: folder of the training.
         recipe: settings of policy and training.
         device: of torch, for instance ``cuda``.
+        episodes: how many successful demonstrations it has, the first by seed; None: all.
     """
 
     task: str
-    data: Path
+    data: tuple[Path, ...]
     out: Path
     recipe: Recipe
     device: torch.device
+    episodes: int | None = None
 
 
 def train(job: Job) -> Progress:
@@ -78,12 +82,23 @@ def train(job: Job) -> Progress:
 
 def _train(job: Job, processes: Processes) -> Progress:
     policy, config = job.recipe
-    with ProgressBar("reading", len(episode_files(job.data))) as bar:
-        demonstrations = read_demonstrations(job.data, job.task, bar.advance)
+    files = sum(job.episodes or len(episode_files(root)) for root in job.data)
+    with ProgressBar("reading", files) as bar:
+        demonstrations = read_demonstrations(
+            job.data,
+            job.task,
+            policy_frames=config.interventions.policy_frames,
+            count=job.episodes,
+            advance=bar.advance,
+        )
+        if processes.first:
+            bar.say(f"learning from {in_words(demonstrations)}")
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
     with locked_folder(job.out, TrainingError) if processes.first else nullcontext():
         with processes.in_turn():
             folder.begin(TrainingFile.of(job.task, digest, policy, config))
+        if part_done(config, there := folder.progress()) >= 1.0:
+            return there
         learned, held_out = divide(demonstrations, config.held_out, config.seed)
         _tell_scene(job, demonstrations)
         processor = Processor.fit(policy, [d.arrays for d in learned])
@@ -91,10 +106,11 @@ def _train(job: Job, processes: Processes) -> Progress:
         network = new_network(policy)
         scene = None
         if policy.inputs.estimated:
+            key = estimator_key(job.task, digest, policy, config, job.device)
             with processes.in_turn():
-                scene = _estimate(job, folder, network, processor, (learned, held_out))
+                scene = _estimate(job, folder, key, network, processor, (learned, held_out))
         learner = Learner(network, config, job.device, processes)
-        origin = _origin(job.task, demonstrations, len(learned))
+        origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
             folder,
@@ -113,6 +129,13 @@ def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
     columns = {"scene": inputs.scene, ESTIMATED: inputs.estimated}
     if not any(columns.values()):
         return
+    for demonstration in demonstrations:
+        if not demonstration.arrays[TRUTH[-1]].size:
+            raise TrainingError(
+                f"{demonstration.path} has no ground truth, by which a policy could be told the "
+                "scene or learn to estimate it; train with --recipe paper or --inputs blind, or "
+                "without this data set"
+            )
     reader = TruthReader(job.task)
     with ProgressBar("scene", len(demonstrations)) as bar:
         for demonstration in demonstrations:
@@ -142,6 +165,7 @@ def _windows(
 def _estimate(
     job: Job,
     folder: TrainingFolder,
+    key: str,
     network: PolicyNetwork,
     processor: Processor,
     parts: tuple[Sequence[Demonstration], Sequence[Demonstration]],
@@ -152,7 +176,7 @@ def _estimate(
     """
     config, estimating = job.recipe.training, estimating_parts(network)
     assert processor.scene is not None
-    error = folder.load_estimator(estimating)
+    error = folder.load_estimator(estimating, key)
     if error is None:
         learned, held_out = _views(job, *parts)
         with ProgressBar("estimator", config.views.steps) as bar:
@@ -168,7 +192,7 @@ def _estimate(
             wrong = np.square(found - processor.scene.normalise(held_out.labels))
             error = np.sqrt(wrong.mean(axis=0)).tolist()
             bar.say(_in_words(processor, error))
-        folder.save_estimator(estimating, error)
+        folder.save_estimator(estimating, error, key)
     for parameter in estimating.parameters():
         parameter.requires_grad_(False)
     constant = config.noise.estimate * np.array(error)

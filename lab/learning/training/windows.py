@@ -126,6 +126,9 @@ class Windows:
         lengths = [len(targets.gait) for targets in found]
         self._last = np.repeat(np.cumsum(lengths) - 1, lengths)
         self._first = np.cumsum([0, *lengths[:-1]])
+        helped = np.concatenate([np.asarray(arrays["intervention"]) for arrays in episodes])
+        self._kinds = [np.flatnonzero(helped), np.flatnonzero(~helped)]
+        """Frames of interventions, and all others."""
         self._scene = None
         if processor.scene is not None:
             shown = np.concatenate([np.asarray(arrays[ESTIMATED]) for arrays in episodes])
@@ -144,7 +147,7 @@ class Windows:
     ) -> Batch:
         """Return ``count`` random windows with noise on what is observed, or a part of them."""
         config = self._config
-        starts = rng.integers(len(self), size=count)
+        starts = self._starts(rng, count)
         kept = config.loss_frames or config.window
         at = np.sort(rng.permutation(config.window)[:kept])
         most, shape = config.shift, (count, config.window)
@@ -154,6 +157,15 @@ class Windows:
         if batch.seen is not None and scene is not None:
             batch.seen.add_(self._tensor(scene.draw(rng, *shape)[part]))
         return batch
+
+    def _starts(self, rng: np.random.Generator, count: int) -> Array:
+        """Return the first frames of random windows."""
+        share = self._config.interventions.share
+        if share is None or not all(map(len, self._kinds)):
+            return rng.integers(len(self), size=count)
+        helped = rng.binomial(count, share)
+        parts = zip(self._kinds, (helped, count - helped), strict=True)
+        return np.concatenate([rng.choice(frames, size=size) for frames, size in parts])
 
     def whole(self, count: int) -> list[Batch]:
         """Return the episodes cut into windows without overlap, ``count`` in a batch, no noise."""

@@ -50,14 +50,13 @@ class _Kind(NamedTuple):
     packages: tuple[str, ...] = ()
 
 
+# The networks are chosen by name.
+_NETWORKS: Final = ("services.policy.*",)
+_LEARNING: Final = ("torch", "safetensors", "opencv-python-headless")
 _KINDS: Final[dict[str, _Kind]] = {
     "synthetic": _Kind("lab.trials.operators.synthetic"),
-    "policy": _Kind(
-        "lab.trials.operators.policy",
-        # The networks are chosen by name.
-        ("services.policy.*",),
-        ("torch", "safetensors", "opencv-python-headless"),
-    ),
+    "policy": _Kind("lab.trials.operators.policy", _NETWORKS, _LEARNING),
+    "helped": _Kind("lab.trials.operators.helped", _NETWORKS, _LEARNING),
 }
 
 

@@ -5,6 +5,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from services.teleop.synthetic.take_over import TakeOver
 from services.teleop.synthetic.traits import OperatorTraits
 
 
@@ -67,12 +68,32 @@ class PolicySpec(_Spec):
         return f"{self.kind}, {self.label or self.digest[:12]}"
 
 
-OperatorSpec = Annotated[SyntheticSpec | PolicySpec, Field(discriminator="kind")]
+class HelpedSpec(_Spec):
+    """A policy, and the synthetic operator that takes over when the policy does not get on.
+
+    Attributes:
+        kind: tells the kinds of operator apart.
+        policy: it operates the robot first.
+        traits: parameters of the synthetic operator.
+        take_over: when that one takes over.
+    """
+
+    kind: Literal["helped"] = "helped"
+    policy: PolicySpec
+    traits: OperatorTraits = OperatorTraits()
+    take_over: TakeOver = TakeOver()
+
+    def __str__(self) -> str:
+        return f"{self.policy}, helped by {self.traits.name}"
+
+
+OperatorSpec = Annotated[SyntheticSpec | PolicySpec | HelpedSpec, Field(discriminator="kind")]
 """The operator of a trial; ``kind`` tells which."""
 NOT_DECIDING: Mapping[str, Any] = {
     "checkpoint": True,
     "label": True,
     "about": True,
     "pictures": {"file"},
+    "policy": {"checkpoint": True, "label": True, "about": True, "pictures": {"file"}},
 }
 """Fields that say where an operator's files are and how to call it; digests say what it is."""

@@ -8,7 +8,7 @@ messages by channel.
 
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -83,15 +83,26 @@ class LogIndex:
         """Return the metadata records called ``name``, in order."""
         return [record.metadata for record in self.metadata if record.name == name]
 
-    def messages(self, wanted: Callable[[Channel], bool]) -> Iterator[tuple[Channel, McapMessage]]:
+    def places_of(self, wanted: Callable[[Channel], bool]) -> list[MessagePlace]:
+        """Return the places that have messages of the ``wanted`` channels, in order."""
+        ids = self._ids(wanted)
+        return [place for place in self.places if not ids.isdisjoint(place.channels)]
+
+    def messages(
+        self, wanted: Callable[[Channel], bool], places: Iterable[MessagePlace] | None = None
+    ) -> Iterator[tuple[Channel, McapMessage]]:
         """Yield the messages of the ``wanted`` channels; read only places that have any.
+
+        Args:
+            wanted: tells which channels.
+            places: to read; None: all.
 
         Raises:
             LoggerError: the file cannot be read, or a chunk is damaged.
         """
-        ids = {number for number, channel in self.channels.items() if wanted(channel)}
+        ids = self._ids(wanted)
         with open_mcap(self.path) as file:
-            for place in self.places:
+            for place in self.places if places is None else places:
                 if ids.isdisjoint(place.channels):
                     continue
                 file.release(place.offset)
@@ -99,6 +110,9 @@ class LogIndex:
                     for record in file.records(span):
                         if isinstance(record, McapMessage) and record.channel_id in ids:
                             yield self.channels[record.channel_id], record
+
+    def _ids(self, wanted: Callable[[Channel], bool]) -> set[int]:
+        return {number for number, channel in self.channels.items() if wanted(channel)}
 
 
 def read_index(path: Path) -> LogIndex:

@@ -22,6 +22,7 @@ from services.logger.log_format import (
 )
 from services.logger.read.delivery import DeliveryCount, DeliveryStats
 from services.logger.read.episodes import Episode, EpisodeBook
+from services.logger.read.holds import read_holds
 from services.logger.read.index import LogIndex, read_index
 from services.logger.read.locks import is_locked
 from services.logger.read.log_info import LinkInfo, LogInfo, SegmentInfo, TopicInfo
@@ -66,6 +67,9 @@ def read_info(path: Path) -> LogInfo:
                     boots.append(boot)
     info.topics = _topics(indexes, counts)
     info.episodes = _episodes(info.segments, indexes)
+    info.holds = read_holds(
+        [(index, segment.shift_ns) for segment, index in zip(info.segments, indexes, strict=True)]
+    )
     info.links = [
         LinkInfo(at_ns + segment.shift_ns, change)
         for segment, index in zip(info.segments, indexes, strict=True)
@@ -105,7 +109,13 @@ def _segment_info(index: LogIndex, line: TimeLine) -> SegmentInfo:
         shift_ns=line.shift_ns,
         wall_offset_ns=line.wall_offset_ns,
         origin=origin,
+        readable=index.whole or bool(index.places) or _is_readable(index.path),
     )
+
+
+def _is_readable(path: Path) -> bool:
+    with open_mcap(path) as file:
+        return next(recover(file), None) is not None
 
 
 def _delivery_stats(index: LogIndex) -> DeliveryStats:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from common.operator.holds import Hold
 from common.schemas import LinkChange
 from services.logger.read.delivery import DeliveryCount
 from services.logger.read.episodes import Episode
@@ -20,6 +21,7 @@ class SegmentInfo:
         whole: whether it has its end.
         repaired: whether `trill repair` wrote it.
         open: whether it is being recorded, or repaired, at this moment.
+        readable: whether there is anything in it that a repair could save.
         start_ns: arrival of the first message, on the recording's clock [ns].
         end_ns: arrival of the last message, on the recording's clock [ns].
         shift_ns: the recording's clock minus the segment's monotonic clock [ns].
@@ -38,6 +40,7 @@ class SegmentInfo:
     shift_ns: int
     wall_offset_ns: int | None
     origin: dict[str, str]
+    readable: bool = True
 
     @property
     def session(self) -> str:
@@ -94,6 +97,7 @@ class LogInfo:
         topics: its keys, in alphabetical order.
         boots: boot ids of each service, in order of appearance.
         episodes: in order of start.
+        holds: who had the robot, in order; times are arrivals on the recording's clock [ns].
         links: changes of injected links, in order.
         pauses: where nobody recorded for long.
         remarks: what else a reader should know, a sentence each.
@@ -103,6 +107,7 @@ class LogInfo:
     topics: list[TopicInfo] = field(default_factory=list)
     boots: dict[str, list[int]] = field(default_factory=dict)
     episodes: list[Episode] = field(default_factory=list)
+    holds: list[Hold] = field(default_factory=list)
     links: list[LinkInfo] = field(default_factory=list)
     pauses: list[Pause] = field(default_factory=list)
     remarks: list[str] = field(default_factory=list)

@@ -51,12 +51,37 @@ class FlatNetwork(PolicyNetwork):
         return {"hands": mean_over(loss, targets.valid)}
 
     def decide(self, outputs: Outputs) -> DecisionBatch:
-        """Return the likeliest vector's parts; the gait is the nearest one, with certainty."""
+        """Return the likeliest vector's hands and grippers, and how probable each gait is.
+
+        A gait is asked for in one frame of dozens, so that the likeliest vector never asks for
+        one. A vector drawn from the mixture, as in the paper, would as often as the mixture says.
+        """
         hands, grasp, gait = self.flat.decide(outputs).split(self._split, dim=-1)
-        number = ((gait.squeeze(-1) + 1.0) * (GAITS - 1) / 2.0).round().long()
-        chosen = torch.nn.functional.one_hot(number.clamp(0, GAITS - 1), GAITS)
         return DecisionBatch(
             hands.unflatten(-1, self._shape),
             ((grasp + 1.0) / 2.0).clamp(0.0, 1.0).unflatten(-1, (-1, 2)),
-            chosen.to(hands.dtype),
+            _gaits(outputs, gait.squeeze(-1)),
         )
+
+
+def _gaits(outputs: Outputs, regressed: Tensor) -> Tensor:
+    """Return the probabilities (..., 7) that the number of the gait is nearest to each gait's.
+
+    Args:
+        outputs: of the distribution, whose last number is the gait's.
+        regressed: (...) that number; without a mixture it is certain.
+    """
+    # Halfway between the numbers of neighbouring gaits; beyond the first and last there is none.
+    edges = (2.0 * torch.arange(1, GAITS, device=regressed.device) - 1.0) / (GAITS - 1) - 1.0
+    if "std" not in outputs:
+        below = (regressed.unsqueeze(-1) < edges).to(regressed.dtype)
+    else:
+        mean, std = (outputs[name][..., -1, None] for name in ("mean", "std"))
+        weight = outputs["mode"].softmax(-1).unsqueeze(-1)
+        below = (weight * torch.special.ndtr((edges - mean) / std)).sum(-2)
+    return torch.diff(
+        below,
+        dim=-1,
+        prepend=torch.zeros_like(below[..., :1]),
+        append=torch.ones_like(below[..., :1]),
+    )

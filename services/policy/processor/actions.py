@@ -49,12 +49,13 @@ class Representation(Protocol):
 
     shape: tuple[int, int]
 
-    def frames(self, hands: Array, grasp: Array) -> NDArray[np.int64]:
+    def frames(self, hands: Array, grasp: Array, walks: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Return, for each of T frames, the frames (T, steps) that it is to predict.
 
         Args:
             hands: (T, 14) hand set-points, the column ``action/hands``.
             grasp: (T, 2) gripper set-points, the column ``action/grasp``.
+            walks: (T,) whether a gait is in progress.
         """
 
     def encode(self, hands: Array, neck: Array, frames: NDArray[np.int64]) -> Array:
@@ -86,9 +87,9 @@ class PoseDifferences:
 
     shape = DifferenceConfig().shape
 
-    def frames(self, hands: Array, grasp: Array) -> NDArray[np.int64]:
+    def frames(self, hands: Array, grasp: Array, walks: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Return each frame itself (T, 1)."""
-        del grasp
+        del grasp, walks
         return np.arange(len(hands))[:, None]
 
     def encode(self, hands: Array, neck: Array, frames: NDArray[np.int64]) -> Array:
@@ -117,10 +118,16 @@ class AbsoluteChunks:
         self.shape = config.shape
         self._active_time = config.active_time
 
-    def frames(self, hands: Array, grasp: Array) -> NDArray[np.int64]:
-        """Return the next frames (T, steps), in active time those in which something moves."""
+    def frames(self, hands: Array, grasp: Array, walks: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Return the next frames (T, steps), in active time those in which something moves.
+
+        A gait is motion too: hands that rest on what is pushed have to stay there all along.
+        Otherwise, what follows a grasp would be the opening of the hands at the end of the walk.
+        """
         count = len(hands)
-        counted = moving(hands, grasp) if self._active_time else np.ones(count, dtype=np.bool_)
+        counted = np.ones(count, dtype=np.bool_)
+        if self._active_time:
+            counted = moving(hands, grasp) | walks
         # Where the frames run out, the last one is repeated.
         active = np.concatenate((np.flatnonzero(counted), np.full(self.shape[0], count - 1)))
         first = np.searchsorted(active, np.arange(count))

@@ -169,7 +169,8 @@ class Processor(StrictModel):
 def _actions(chosen: Representation, arrays: Arrays) -> tuple[Array, NDArray[np.int64]]:
     """Return actions (T, steps, numbers) and the frames (T, steps) that they are of."""
     hands, neck = np.asarray(arrays["action/hands"]), np.asarray(arrays["action/neck"])
-    frames = chosen.frames(hands, np.asarray(arrays["action/grasp"]))
+    walks = np.asarray(arrays[_STATE]) > ControlState.BALANCE
+    frames = chosen.frames(hands, np.asarray(arrays["action/grasp"]), walks)
     return chosen.encode(hands, neck, frames), frames
 
 

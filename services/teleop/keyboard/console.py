@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
 
 from common.estop import StopButton
 from common.operator.claim import Claimant
@@ -26,6 +25,7 @@ from common.schemas import (
 )
 from common.schemas.arrays import Float64Array as Array
 from common.topics import ESTOP_CLEAR, PLANT_REQUEST, TELEOP_GAIT
+from services.teleop.keyboard.config import KeyboardConfig
 from services.teleop.keyboard.keymap import (
     Action,
     Axis,
@@ -39,31 +39,12 @@ from services.teleop.keyboard.keymap import (
     binding_of,
 )
 from services.teleop.keyboard.requests import SentRequest
-from services.teleop.targets.hand import SIDES, MotionLimits, home_pose
+from services.teleop.targets.hand import SIDES, home_pose
 from services.teleop.targets.targets import OperatorTargets
 
 GAITS_SHOWN = 3
 KEYS_KEPT = 8
 """Largest number of keys that wait for the robot."""
-
-
-class KeyboardConfig(BaseModel):
-    """Step sizes of the keys and speeds of the targets."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-    limits: MotionLimits = MotionLimits()
-    distance_step: float = Field(default=0.02, gt=0.0, description="step of a hand [m]")
-    angle_step: float = Field(
-        default=math.radians(5.0), gt=0.0, description="step of a hand or the neck [rad]"
-    )
-    repeat_window: float = Field(
-        default=1.0, gt=0.0, description="between two presses of a key that needs both [s]"
-    )
-    push_force: float = Field(
-        default=80.0, gt=0.0, description="force of a push on the torso, forward [N]"
-    )
-    push_duration: float = Field(default=0.1, gt=0.0, le=5.0, description="[s]")
 
 
 @dataclass
@@ -130,7 +111,7 @@ class Console:
         self._pressed = (None, -math.inf)
         command = binding.command
         if _moves_robot(command) and not self.claimant.has_robot:
-            self.notice = self._ask_for(command, binding.help, now)
+            self.ask_for(binding.help, now, command)
             return []
         self.notice = binding.help
         return self._act(command, now, Header(stamp=stamp))
@@ -165,18 +146,33 @@ class Console:
         self._waiting.clear()
         return [output for each in commands for output in self._act(each, now, Header(stamp=stamp))]
 
-    def _ask_for(self, command: Command, name: str, now: float) -> str:
-        """Ask for the robot to carry out a command, if that takes it from nobody; say so."""
+    def ask_for(self, name: str, now: float, command: Command | None = None) -> bool:
+        """Ask for the robot for an act of the person, if that takes it from nobody; say so.
+
+        Args:
+            name: of the act.
+            now: operator's time [s].
+            command: carried out when the robot is granted; None: nothing is.
+
+        Returns:
+            whether the robot was asked for.
+        """
+        claimant = self.claimant
         if self.stopped:
-            return f"{name}: not sent, the robot is stopped; b b ends the stop"
-        if self.claimant.asked is None and self.claimant.authority is None:
-            return f"{name}: not sent, {self.claimant.waits_for()}"
-        if self.claimant.asked is None and self.claimant.holder:
-            return f"{name}: not sent, {self.claimant.holder} has the robot; Enter takes it"
-        if self.claimant.asked is None:
-            self.claimant.ask(now)
-        self._waiting.append(command)
-        return f"{name}: asking for the robot"
+            why = "the robot is stopped; b b ends the stop"
+        elif claimant.asked is None and claimant.authority is None:
+            why = claimant.waits_for()
+        elif claimant.asked is None and claimant.holder:
+            why = f"{claimant.holder} has the robot; Enter takes it"
+        else:
+            if claimant.asked is None:
+                claimant.ask(now)
+            if command is not None:
+                self._waiting.append(command)
+            self.notice = f"{name}: asking for the robot"
+            return True
+        self.notice = f"{name}: not sent, {why}"
+        return False
 
     def update_requests(self, replies: Iterable[GaitReply], now: float) -> None:
         """Update the sent requests with replies; replies to other operators are ignored."""

@@ -20,7 +20,8 @@ from common.topics import (
     WBC_STATE,
     WBC_TARGET,
 )
-from services.teleop.keyboard.console import Console, KeyboardConfig
+from services.teleop.keyboard.config import KeyboardConfig
+from services.teleop.keyboard.console import Console
 from services.teleop.keyboard.decoder import KeyDecoder
 from services.teleop.keyboard.screen import Feedback, render
 from services.teleop.keyboard.terminal import Screen

@@ -37,6 +37,7 @@ from services.teleop.headset.mapping import HeadsetMapper, MapperConfig
 from services.teleop.synthetic.observation import Observation, Observer
 from services.teleop.synthetic.operator_model import Act, OperatorModel, StrategyError
 from services.teleop.synthetic.strategies import find_strategy
+from services.teleop.synthetic.take_over import StallWatch, TakeOver
 from services.teleop.synthetic.traits import TRAITS, OperatorTraits
 
 log = logging.getLogger(__name__)
@@ -67,6 +68,11 @@ class SyntheticConfig(BaseModel):
         default=1.5, ge=0.0, description="time to go on holding after the task [s]"
     )
     stay: bool = Field(default=False, description="wait for the next trial instead of ending")
+    take_over: TakeOver | None = Field(
+        default=None,
+        description="let another operator begin, and take the robot over from it when it does not "
+        "get on; null: take the robot at once",
+    )
 
 
 class SyntheticOperator(Service):
@@ -114,6 +120,11 @@ class SyntheticOperator(Service):
         self._time = 0.0
         self._over_for: float | None = None
         self._acting = False
+        self._watch: StallWatch | None = None
+        if self.config.take_over is not None:
+            # Also in a new trial another operator begins.
+            self._claimant.release()
+            self._watch = StallWatch(self.config.take_over)
         self.failure = ""
 
     @property
@@ -124,6 +135,8 @@ class SyntheticOperator(Service):
     @property
     def note(self) -> str:
         """What the operator is doing or waits for."""
+        if self._watch is not None:
+            return f"watching {self._claimant.holder or 'for somebody to begin'}"
         if not self._claimant.has_robot and not self.finished:
             return f"waiting: {self._claimant.waits_for()}"
         return "waiting" if self.model is None else self.model.note
@@ -149,6 +162,12 @@ class SyntheticOperator(Service):
         if seen.resets != self._resets:
             self._begin(seen.resets)
             self._mapper = HeadsetMapper(self.config.headset, self._mapper.next_id)
+        if self._watch is not None:
+            if self._claimant.holder and self._watch.update(seen, dt):
+                log.info("synthetic operator: takes over from %s", self._claimant.holder)
+                self._watch = None
+                self._claimant.ask(self._time)
+            return []
         replies = own_replies(inputs.events(WBC_REPLY), self.boot)
         if self.model is not None and not self._claimant.has_robot:
             self._acting = False

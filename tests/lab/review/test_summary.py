@@ -17,12 +17,15 @@ from common.schemas import (
     OperatorKind,
 )
 from common.topics import ESTOP, ESTOP_CLEAR, HEALTH, PLANT_STATE, PLANT_TRUTH, WBC_AUTHORITY
+from lab.review.key_moments import key_moments
+from lab.review.report import report_lines
 from lab.review.run_summary import Quantiles, RunSummary
 from lab.review.scoring import commanded_motions
 from lab.review.summary import summarise
 from lab.review.summary_readers import LogFindings
 from lab.review.timeline import read_timeline
 from services.wbc.config import GaitConfig
+from tests.common.operator.support import said
 from tests.lab.review.synthetic import MS, FakeRobot, Pair
 
 ACCEPTED, COMPLETED = GaitOutcome.ACCEPTED, GaitOutcome.COMPLETED
@@ -289,6 +292,31 @@ def test_stops_and_hand_overs_are_events_once_each() -> None:
         "emergency stop 1 cleared by keyboard: key r",
     ]
     assert summary.plant.stops == 1
+
+
+def test_interventions_have_their_times_in_summary_report_and_moments() -> None:
+    robot = FakeRobot()
+    person = OperatorKind.PERSON
+    messages: list[Pair] = []
+    for number in range(60):
+        robot.now += 100
+        for topic in (PLANT_STATE, PLANT_TRUTH):
+            messages.append(robot.plant(topic, 0, 0, 0))
+        if number in {0, 20, 45}:
+            change = {
+                0: said(1, AuthorityChange.GRANTED, "policy"),
+                20: said(2, AuthorityChange.TAKEN, "keyboard", person),
+                45: said(3, AuthorityChange.TAKEN, "policy"),
+            }[number]
+            messages.append((WBC_AUTHORITY, change))
+    summary = summarise(messages)
+    (one,) = summary.interventions
+    assert (one.operator, one.at, one.length) == ("keyboard (person)", 2.0, 2.5)
+    assert "interventions  2.0 s: keyboard (person) for 2.5 s, until it was taken" in report_lines(
+        summary
+    )
+    moments = {m.index: m.label for m in key_moments(read_timeline(messages), spare=1)}
+    assert moments == {0: "", 20: "keyboard takes over", 45: "back to policy", 59: ""}
 
 
 def test_a_stop_counts_once_in_two_lives_and_not_at_all_if_it_was_over_before() -> None:

@@ -4,11 +4,25 @@ from pathlib import Path
 
 import pytest
 
+from common.schemas import AuthorityChange, OperatorKind
 from services.logger.errors import LoggerError
 from services.logger.read.index import read_index
 from services.logger.read.info import read_info
+from services.logger.read.mcap_file import McapFile, Span
 from services.logger.record.config import LoggerConfig
-from tests.services.logger.support import DISCARD, END, START, gait, link, mark, picture, record
+from services.logger.repair.repair import repair
+from tests.common.operator.support import said
+from tests.services.logger.support import (
+    DISCARD,
+    END,
+    START,
+    gait,
+    link,
+    mark,
+    picture,
+    record,
+    sample,
+)
 
 
 def make(path: Path) -> None:
@@ -101,3 +115,50 @@ def test_what_is_no_log(tmp_path: Path) -> None:
     (tmp_path / "empty.mcap").write_bytes(b"")
     with pytest.raises(LoggerError, match="empty"):
         read_info(tmp_path / "empty.mcap")
+
+
+def test_who_had_the_robot_is_found_without_reading_the_chunks_between(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    person = OperatorKind.PERSON
+    states = {0: said(1, AuthorityChange.GRANTED, "policy")} | {
+        300: said(2, AuthorityChange.TAKEN, "keyboard", person),
+        310: said(3, AuthorityChange.RELEASED),
+        311: said(4, AuthorityChange.GRANTED, "policy"),
+    }
+    last, samples = states[0], []
+    for number in range(640):
+        last = states.get(number, last)
+        samples.append(sample("wbc/authority", last, number, 10**9 + 10**8 * number, "wbc"))
+    path = tmp_path / "log.mcap"
+    record(path, samples, LoggerConfig(chunk_size=2000))
+    info = read_info(path)
+    assert [(h.holder.source, h.start, h.intervention) for h in info.holds] == [
+        ("policy", 10**9, False),
+        ("keyboard", 31 * 10**9, True),
+        ("policy", 32.1 * 10**9, False),
+    ]
+    assert [h.end for h in info.holds] == [31 * 10**9, 32 * 10**9, None]
+
+    read, chunk_data = [0], McapFile.chunk_data
+
+    def counted(file: McapFile, span: Span) -> bytes:
+        read[0] += 1
+        return chunk_data(file, span)
+
+    monkeypatch.setattr(McapFile, "chunk_data", counted)
+    assert read_info(path).holds == info.holds
+    assert read[0] < len(read_index(path).places) / 3
+
+
+@pytest.mark.parametrize(("size", "readable"), [(8, False), (40, False), (1200, True)])
+def test_what_a_repair_could_not_save_is_told(tmp_path: Path, size: int, *, readable: bool) -> None:
+    path = tmp_path / "log.mcap"
+    make(path)
+    path.write_bytes(path.read_bytes()[:size])
+    assert read_info(path).segments[0].readable is readable
+    if readable:
+        repair(path)
+    else:
+        with pytest.raises(LoggerError, match="nothing in it can be read"):
+            repair(path)

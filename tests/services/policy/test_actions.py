@@ -19,7 +19,7 @@ def test_pose_differences_lead_from_set_point_to_set_point() -> None:
     arrays = episode(3)
     hands, neck = arrays["action/hands"], arrays["action/neck"]
     differences = PoseDifferences()
-    frames = differences.frames(hands, arrays["action/grasp"])
+    frames = differences.frames(hands, arrays["action/grasp"], np.zeros(30, dtype=np.bool_))
     action = differences.encode(hands, neck, frames)
 
     assert action.shape == (30, 1, 14)
@@ -67,7 +67,7 @@ def test_chunks_hold_the_set_points_that_follow(active_time: bool) -> None:
     arrays = episode(4)
     hands, neck = arrays["action/hands"], arrays["action/neck"]
     chunks = AbsoluteChunks(ChunkConfig(steps=5, active_time=active_time))
-    frames = chunks.frames(hands, arrays["action/grasp"])
+    frames = chunks.frames(hands, arrays["action/grasp"], np.zeros(30, dtype=np.bool_))
     action = chunks.encode(hands, neck, frames)
 
     assert action.shape == (30, 5, 13)
@@ -89,11 +89,25 @@ def test_active_time_leaves_out_the_frames_in_which_nothing_moves() -> None:
     np.testing.assert_array_equal(active[(active > 15) & (active < 50)], np.arange(30, 36))
     assert {8, 9, 10} <= set(active.tolist())
 
-    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(hands, grasp)
+    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(hands, grasp, np.zeros(60, dtype=np.bool_))
     np.testing.assert_array_equal(frames[20, :6], np.arange(30, 36))
     # Out of the pause the labels lead away from it at once.
     assert frames[40, 0] == frames[20, 6] >= 50
     assert np.linalg.norm(hands[frames[40, 0]] - hands[40]) > 0.005
+
+
+def test_hands_stay_closed_while_the_robot_walks() -> None:
+    # Hands that rest all the time, closed from frame 10 to 49; the robot walks from 20 to 39.
+    hands = np.repeat(episode(5)["action/hands"][:1], 60, axis=0)
+    grasp = np.zeros((60, 2))
+    grasp[10:50] = 1.0
+    walks = np.zeros(60, dtype=np.bool_)
+    walks[20:40] = True
+    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(hands, grasp, walks)
+    # What follows the grasp is the walk, not the opening at its end, which comes after it.
+    np.testing.assert_array_equal(frames[16], np.arange(20, 28))
+    np.testing.assert_array_equal(frames[40, :6], np.arange(50, 56))
+    assert grasp[frames[10:33]].all()
 
 
 def test_absolute_poses_are_rotation_vectors_about_the_axes_of_the_body() -> None:

@@ -246,3 +246,18 @@ def test_a_flat_vector_means_what_it_was_trained_to_be() -> None:
     torch.testing.assert_close(decision.hands, wanted.hands)
     torch.testing.assert_close(decision.grasp, wanted.grasp)
     torch.testing.assert_close(decision.gait.argmax(-1), wanted.gait)
+
+
+def test_a_flat_mixture_asks_for_a_gait_as_often_as_vectors_drawn_from_it_would() -> None:
+    torch.manual_seed(0)
+    policy = network(small("bc-rnn"))
+    outputs = policy.outputs(torch.randn(1, 1, 32))
+    # Nothing, side left with some doubt, and turn right.
+    outputs["mode"] = torch.tensor([0.7, 0.2, 0.1, 1e-9, 1e-9]).log().view(1, 1, -1)
+    outputs["mean"][..., -1] = torch.tensor([-1.0, 3.0 / 3.0 - 1.0, 1.0, 0.0, 0.0])
+    outputs["std"][..., -1] = torch.tensor([0.05, 0.2, 0.05, 1.0, 1.0])
+    modes = torch.multinomial(outputs["mode"][0, 0].exp(), 100_000, replacement=True)
+    mean, std = (outputs[name][0, 0, modes, -1] for name in ("mean", "std"))
+    drawn = (3.0 * (torch.normal(mean, std) + 1.0)).round().long().clamp(0, 6)
+    wanted = torch.bincount(drawn, minlength=7) / len(drawn)
+    torch.testing.assert_close(policy.decide(outputs).gait[0, 0], wanted, atol=0.005, rtol=0.0)

@@ -12,7 +12,7 @@ import pytest
 
 from common.plant.config import PHYSICS_STEP_NS
 from common.runtime.service import Inputs, Output, Service
-from common.schemas import CameraFrame
+from common.schemas import CameraFrame, Header
 from common.topics import CAMERA_LEFT, CAMERA_RIGHT
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
 from lab.demonstrations.collect.episode import make_episode
@@ -113,9 +113,10 @@ def test_the_same_moment_is_rendered_once_and_what_was_shown_before_leaves_no_tr
     notes = MomentNotes("door")
     state = plant.truth()
     plant.data.joint("door_hinge").qpos[:] = 1.0
-    assert notes.files(state, ("left", "right"), None) == [b"0", b"0"]
-    notes.files(state, ("left",), plant.view.state(plant.now_ns, 0))
-    closed, opened = notes.moments
+    assert notes.files(state, ("left", "right"), None) == [b"", b""]
+    later = state.model_copy(update={"header": Header(stamp=state.header.stamp + 1)})
+    notes.files(later, ("left",), plant.view.state(plant.now_ns, 0))
+    closed, opened = notes.moments.values()
     try:
         made = render("door/unlock", SMALL, [closed, opened, opened, closed], Event())
     except RenderingUnavailableError as error:

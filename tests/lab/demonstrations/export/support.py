@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from common.episodes.columns import CAMERAS, COLUMNS, Rows
-from common.episodes.episode_file import EpisodeMeta, Image, to_bytes
+from common.episodes.episode_file import EpisodeMeta, Image, Operator, to_bytes
 from lab.demonstrations.collect.config import EpisodeConfig, PictureConfig
 from lab.demonstrations.collect.store import DatasetStore
 from lab.trials.provenance import CodeVersion
@@ -37,6 +37,8 @@ def rows(seed: int, frames: int = FRAMES) -> Rows:
                 value = np.array([1_000_000_000 + 50_000_000 * frame])
             elif column.dtype == "<i8":
                 value = rng.integers(0, 7, size=1)
+            elif column.dtype == "|b1":
+                value = np.zeros(1, dtype=np.bool_)
             made.rows[column.path].append(value if column.names or column.varies else value[0])
     return made
 
@@ -49,6 +51,7 @@ def make(
     size: tuple[int, int] | None = SIZE,
     rows_of: dict[int, Rows] | None = None,
     physics_steps: int = 1,
+    operator: Operator = "synthetic",
 ) -> Path:
     """A data set: the trial with seed i ends with ``verdicts[i]``."""
     pictures_config = PictureConfig(width=size[0], height=size[1], quality=95) if size else None
@@ -65,7 +68,7 @@ def make(
                 if size
             }
             about = EpisodeMeta(
-                operator="synthetic",
+                operator=operator,
                 task=task,
                 goal=find_task(task).goal,
                 seed=seed,

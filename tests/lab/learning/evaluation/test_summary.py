@@ -8,14 +8,15 @@ from lab.learning.evaluation.summary import success_times, summarise
 from lab.learning.evaluation.text import rows_text
 from lab.trials.operators.specs import SyntheticSpec
 from lab.trials.spec import FALL, TrialSpec
-from services.policy.configuration import ChunkConfig, InputConfig
-from services.policy.trill.configuration import TrillConfig
+from services.policy.kinds import CONFIGS
 from services.sim.tasks import find_task
 from services.sim.tasks.judge import Judge
 from tests.lab.learning.evaluation.support import UNLOCK, invented, result, trial
 from tests.services.sim.tasks.support import snapshot
 
 POLICY = invented("mine")
+CHUNKS = {"kind": "chunks"}
+SETPOINT = {"previous_setpoint": True}
 TRIALS = [
     (trial(POLICY, 0), result(0, time=7.0, still=1.0)),
     (trial(POLICY, 1), result(1, time=9.0, still=2.0)),
@@ -75,19 +76,33 @@ def test_the_judge_says_a_fall_as_results_expect() -> None:
 
 
 @pytest.mark.parametrize(
-    ("changes", "name"),
+    ("kind", "changes", "name"),
     [
-        ({}, "trill"),
-        ({"inputs": InputConfig(vision="monoscopic")}, "trill, monoscopic"),
-        ({"inputs": InputConfig(joint_state=False)}, "trill, no-joint-state"),
-        ({"deterministic": True}, "trill, deterministic"),
-        ({"categorical": True}, "trill, categorical"),
+        ("trill", {}, "trill"),
+        ("trill", {"inputs": {"vision": "monoscopic"}}, "trill, monoscopic"),
+        ("trill", {"inputs": {"joint_state": False}}, "trill, no-joint-state"),
+        ("trill", {"deterministic": True}, "trill, deterministic"),
+        ("trill", {"categorical": True}, "trill, categorical"),
+        ("bc", {}, "bc"),
         (
-            {"inputs": InputConfig(vision="blind", scene=("x",)), "actions": ChunkConfig()},
-            "trill, oracle, chunks",
+            "bc-rnn",
+            {"inputs": {"vision": "blind", "scene": ("x",)}, "actions": CHUNKS},
+            "bc-rnn, oracle, chunks",
+        ),
+        (
+            "trill",
+            {"inputs": {"joint_state": False, "estimated": ("x",)}, "actions": CHUNKS},
+            "trill, estimated scene, chunks",
+        ),
+        (
+            "trill",
+            {"inputs": {"joint_state": False, "body_poses": False, **SETPOINT}, "actions": CHUNKS},
+            "trill, no-joint-state, chunks",
         ),
     ],
 )
-def test_a_policy_is_called_by_what_sets_it_apart(changes: dict[str, object], name: str) -> None:
-    config = TrillConfig.model_validate(changes)
-    assert policy_name(config.model_dump(mode="json")) == name
+def test_a_policy_is_called_by_what_sets_it_apart(
+    kind: str, changes: dict[str, object], name: str
+) -> None:
+    config = CONFIGS[kind].model_validate(changes)
+    assert str(policy_name(config.model_dump(mode="json"))) == name

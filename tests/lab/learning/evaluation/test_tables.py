@@ -12,6 +12,8 @@ from lab.trials.results import TrialFile, trial_code
 from lab.trials.spec import TrialSpec
 from tests.lab.learning.evaluation.support import invented, result, trial
 
+CHUNKS = {"kind": "chunks"}
+
 
 def row(text: str, beginning: str) -> str:
     (found,) = (line for line in text.splitlines() if line.startswith(beginning))
@@ -23,11 +25,15 @@ def files(tmp_path: Path) -> Path:
     kept = TrialFile(tmp_path / "results" / "policies.jsonl")
     small, large = invented("trill", 30), invented("trill", 120)
     mono = invented("trill, monoscopic", 120, inputs={"vision": "monoscopic"})
+    reactive, told = invented("bc", 120, kind="bc"), invented("mine", 120, actions=CHUNKS)
+    unseeing = invented("trill, blind", 120, inputs={"vision": "blind"})
     still = StillPictures(file="mean.png", sha256="0")
     for seed in range(4):
         kept.add(trial(small, seed), result(seed, "success" if seed < 1 else "failure"))
         kept.add(trial(large, seed), result(seed, "success" if seed < 3 else "partial"))
         kept.add(trial(mono, seed), result(seed, "success" if seed < 2 else "failure"))
+    for other in (unseeing, told, reactive):
+        kept.add(trial(other), result(0, "failure"))
     blind = large.model_copy(update={"pictures": still, "label": "trill, mean pictures"})
     kept.add(trial(blind), result(0, "failure", still=4.0))
     TrialFile(tmp_path / "results" / "operator.jsonl").add(
@@ -44,22 +50,34 @@ def test_the_tables_stand_beside_the_papers(
     text = (out / "policies.md").read_text()
     assert text in capsys.readouterr().out
     assert "versions of the code" not in text
-    success, _, rest = text.partition("## Ablations")
-    ablations, _, everything = rest.partition("## All rows")
-    columns = ["operator (synthetic, practised)", "trill", "trill, monoscopic"]
-    columns += ["trill, mean pictures", "paper: bc", "paper: bc-rnn", "paper: trill"]
+    assert "Demonstrations learned from: door/unlock 30, 120." in text
+    success, _, rest = text.partition("## Ablations: as published")
+    ablations, _, rest = rest.partition("## Success: chunks")
+    chunks, _, everything = rest.partition("## All rows")
+    columns = ["bc", "trill", "trill, blind", "trill, mean pictures"]
+    columns += ["operator (synthetic, practised)", "paper: bc", "paper: bc-rnn", "paper: trill"]
     assert row(success, "| task |") == f"| task | {' | '.join(columns)} |"
     cells = row(success, "| door/unlock |").split(" | ")
     # The policy of 120 demonstrations, not that of 30.
     assert cells[2] == "75 [30, 95] (100) n: 4"
     assert cells[-3:] == ["48 (52)", "80 (96)", "92 (100) |"]
     assert "paper: trill, categorical" in row(ablations, "| task |")
+    assert row(ablations, "| task |").startswith("| task | trill | trill, monoscopic | paper:")
     assert "56 (84)" in row(ablations, "| door/unlock |")
-    assert "mean pictures" not in ablations
+    assert row(chunks, "| task |").startswith("| task | mine | operator")
     assert "| 30 | 25 [5, 70] (25) n: 4 |" in everything
-    picture = cv2.imread(str(out / "policies.png"))
-    assert picture is not None
-    assert picture.std() > 5.0
+
+
+def test_figures_show_what_was_measured(files: Path, tmp_path: Path) -> None:
+    assert main(["study", "policies", str(files), "--out", str(tmp_path)]) == 0
+    names = {path.name for path in tmp_path.glob("*.png")}
+    assert names == {
+        "kinds-as-published.png", "ablations-as-published.png", "kinds-chunks.png", "sizes.png",
+    }  # fmt: skip
+    for name in names:
+        picture = cv2.imread(str(tmp_path / name))
+        assert picture is not None
+        assert picture.std() > 5.0
 
 
 def test_several_trainings_of_one_policy_are_pooled_and_said(

@@ -1,5 +1,6 @@
 """Small data sets from which a policy can learn within seconds."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,10 +8,13 @@ import numpy as np
 import torch
 
 from common.episodes.columns import COLUMNS, Rows
+from common.episodes.episode_file import Operator
 from lab.learning.training.config import TrainingConfig
+from lab.learning.training.demonstrations import Demonstration
 from lab.learning.training.recipes import Recipe
 from lab.learning.training.train import Job
 from services.policy.configuration import InputConfig, MemoryConfig, MixtureConfig, PolicySettings
+from services.policy.processor.pictures import Picture
 from tests.lab.demonstrations.export.support import make
 from tests.services.policy.made import episode, small
 
@@ -43,13 +47,26 @@ def rows(seed: int) -> Rows:
     return found
 
 
-def dataset(root: Path, count: int = 5, *, pictures: bool = False) -> Path:
+def dataset(
+    root: Path,
+    count: int = 5,
+    *,
+    pictures: bool = False,
+    operator: Operator = "synthetic",
+    helped: Sequence[tuple[int, int]] = (),
+) -> Path:
+    """A data set of successes; in the frames from a to b of each (a, b) an operator intervened."""
+    rows_of = {seed: rows(seed) for seed in range(count)}
+    for made in rows_of.values():
+        for first, end in helped:
+            made.rows["intervention"][first:end] = [True] * (end - first)
     return make(
         root,
         ("success",) * count,
         task=TASK,
         size=PICTURE if pictures else None,
-        rows_of={seed: rows(seed) for seed in range(count)},
+        rows_of=rows_of,
+        operator=operator,
     )
 
 
@@ -77,4 +94,9 @@ def job(data: Path, out: Path, policy: PolicySettings | None = None, **changes: 
         "precision": "float32",
     }
     recipe = Recipe(policy or blind(), TrainingConfig(**(given | changes)))
-    return Job(TASK, data, out, recipe, torch.device("cpu"))
+    return Job(TASK, (data,), out, recipe, torch.device("cpu"))
+
+
+def not_asked(_shown: Demonstration) -> Iterator[list[Picture]]:
+    """Stand in for what renders the pictures of demonstrations that have some."""
+    raise AssertionError("the demonstrations have pictures")

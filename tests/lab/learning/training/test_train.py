@@ -3,22 +3,27 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from math import log, pi
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
 from lab.errors import TrainingError
+from lab.learning.training.config import ViewsConfig
 from lab.learning.training.events import EVENTS
 from lab.learning.training.folder import BEST, LAST, METRICS, STATE
 from lab.learning.training.learner import Learner
 from lab.learning.training.train import train
+from lab.learning.training.views import Views
 from services.policy.checkpoint.folder import load_checkpoint
 from services.policy.configuration import InputConfig, LossConfig
 from services.sim.errors import RenderingUnavailableError
 from tests.lab.learning.training.support import PICTURE, SCENE, blind, dataset, job
+from tests.services.policy.made import small
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +99,55 @@ def test_best_is_the_least_loss_on_held_out_episodes(data: Path, tmp_path: Path)
     assert names == {f"{done.best_step:06d}", "000060"}
     assert (tmp_path / BEST).resolve().name == f"{done.best_step:06d}"
     assert (tmp_path / LAST).resolve().name == "000060"
+
+
+def test_only_the_first_demonstrations_are_learned_from(data: Path, tmp_path: Path) -> None:
+    train(replace(job(data, tmp_path / "three"), episodes=3))
+    train(job(dataset(tmp_path / "data", 3), tmp_path / "same"))
+    assert metrics(tmp_path / "three") == metrics(tmp_path / "same")
+    with pytest.raises(TrainingError, match=r"expected 6 successful episodes in .*, got 5"):
+        train(replace(job(data, tmp_path / "six"), episodes=6))
+
+
+def test_what_is_learned_is_not_read_again(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = train(job(data, tmp_path))
+    monkeypatch.setattr("lab.learning.training.train._windows", lambda *_: pytest.fail("read"))
+    assert train(job(data, tmp_path)) == done
+
+
+def test_an_estimator_is_learned_once_for_all_kinds(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit by bit the same is shared as would have been learned alone."""
+    rendered = []
+
+    def views(*arguments: Any) -> Views:
+        rendered.append(arguments)
+        return invented(arguments[2], arguments[5], arguments[6])
+
+    monkeypatch.setattr("lab.learning.training.train.render_views", views)
+    inputs = InputConfig(picture_size=(24, 18), joint_state=False, estimated=SCENE)
+    few = {"views": ViewsConfig(count=100, held_out=20, steps=3, batch=4)}
+    for folder, kind, renderings in (("both", "trill", 2), ("both", "bc", 2), ("alone", "bc", 4)):
+        policy = small(kind, inputs=inputs)
+        train(job(data, tmp_path / folder / kind, policy, **few))
+        assert len(rendered) == renderings, (folder, kind)
+    assert_same(weights(tmp_path / "both" / "bc"), weights(tmp_path / "alone" / "bc"))
+    assert metrics(tmp_path / "both" / "bc") == metrics(tmp_path / "alone" / "bc")
+    # Other views, another estimator.
+    few = {"views": ViewsConfig(count=101, held_out=20, steps=3, batch=4)}
+    train(job(data, tmp_path / "both" / "other", small("bc", inputs=inputs), **few))
+    assert len(rendered) == 6
+
+
+def invented(inputs: InputConfig, count: int, rng: np.random.Generator) -> Views:
+    """Return views without a renderer."""
+    width, height = inputs.picture_size
+    pictures = rng.integers(0, 255, (count, 2, height, width, 3), dtype=np.uint8)
+    labels = rng.normal(size=(count, len(inputs.estimated)))
+    return Views(pictures, labels, np.zeros((count, 2, 0, 2)))
 
 
 def test_a_checkpoint_says_where_it_comes_from(data: Path, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import pytest
 from common.episodes.observation import truth
 from common.episodes.oracle import oracle_names, oracle_numbers
 from lab.errors import TrainingError
+from lab.learning.training.recipes import SCENES
 from lab.learning.training.truth import TruthReader
 from lab.learning.training.views import labelled_objects
 from services.sim.config import SimConfig
@@ -22,6 +23,14 @@ def test_training_and_service_are_told_the_same(task: str) -> None:
     np.testing.assert_allclose(
         reader.numbers(names, arrays)[0], oracle_numbers(names, state, scene), atol=1e-9
     )
+
+
+@pytest.mark.parametrize("task", SCENES)
+def test_a_task_has_the_numbers_that_its_policies_know(task: str) -> None:
+    names = TruthReader(task).names(SCENES[task])
+    assert set(SCENES[task]) <= {part for name in names for part in (name, name.split(".")[0])}
+    # Something to tie a key point of the encoder to.
+    assert labelled_objects(names)
 
 
 def test_objects_and_numbers_are_chosen_by_name() -> None:

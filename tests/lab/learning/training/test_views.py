@@ -23,7 +23,7 @@ SIZE = (160, 120)
 
 @pytest.fixture(scope="module")
 def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstration]:
-    return read_demonstrations(dataset(tmp_path_factory.mktemp("data") / "set", 3), TASK)
+    return read_demonstrations([dataset(tmp_path_factory.mktemp("data") / "set", 3)], TASK)
 
 
 def rendered(demonstrations: list[Demonstration], config: ViewsConfig, seed: int) -> Views:

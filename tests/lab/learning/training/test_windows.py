@@ -1,6 +1,5 @@
 """Windows: the same numbers as in service, ends, noise, and shifts."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,9 @@ from lab.learning.training.processes import Processes
 from lab.learning.training.windows import Spread, Windows, observation_spread, shifted
 from services.policy.configuration import ChunkConfig, InputConfig, PolicySettings
 from services.policy.processor.actions import Command
-from services.policy.processor.pictures import Picture, scale_picture
+from services.policy.processor.pictures import scale_picture
 from services.policy.processor.processor import Processor
-from tests.lab.learning.training.support import TASK, blind, dataset
+from tests.lab.learning.training.support import TASK, blind, dataset, not_asked
 
 WINDOW = 6
 CONFIG = TrainingConfig(window=WINDOW, loss_frames=2)
@@ -33,11 +32,7 @@ POLICY = blind(
 @pytest.fixture(scope="module")
 def demonstrations(tmp_path_factory: pytest.TempPathFactory) -> list[Demonstration]:
     data = dataset(tmp_path_factory.mktemp("data") / "set", 3, pictures=True)
-    return read_demonstrations(data, TASK)
-
-
-def not_asked(_shown: Demonstration) -> Iterator[list[Picture]]:
-    raise AssertionError("the demonstrations have pictures")
+    return read_demonstrations([data], TASK)
 
 
 def windows(
