@@ -130,6 +130,13 @@ COLUMNS: tuple[Column, ...] = (
         "5 turn left, 6 turn right",
         dtype="<i8",
     ),
+    Column(
+        "action/slip",
+        "1",
+        "1 while a hand is knocked off its way, which the operator does not mean to do; its way "
+        "back is 0, as all else",
+        optional=True,
+    ),
     Column("action/neck", "rad", "head pitch set-point, positive looks down"),
     Column(
         "intervention",

@@ -128,6 +128,10 @@ class Service(ABC):
         """
         return now_ns, self.step(inputs, now_ns)
 
+    def after_step(self) -> None:
+        """Do what the outputs of a step need not wait for; called when they have been sent."""
+        return
+
     def close(self) -> None:
         """Release resources; called once when the runner stops."""
         return

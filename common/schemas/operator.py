@@ -54,3 +54,7 @@ class OperatorStatus(Message):
     failed: str = Field(
         default="", max_length=200, description="why it failed; empty if it did not"
     )
+    slipping: bool = Field(
+        default=False,
+        description="a hand is being knocked off its way: nobody means it to go there",
+    )

@@ -8,7 +8,7 @@ from lab.cli.commands import Action
 
 TEXT = """Export the network of a checkpoint to ONNX, into the folder onnx/ of the checkpoint, which
 else stays as it is. Copied to a machine without torch it is served there by ONNX Runtime or
-OpenVINO, in a third to a half of torch's time on a processor core: `--runtime onnx` or
+OpenVINO, in a third to three quarters of torch's time on a processor core: `--runtime onnx` or
 `--runtime openvino` of trill up, trill demo, python -m services.policy and its server.
 
 The exported network is compared with torch's on random frames before it is kept.

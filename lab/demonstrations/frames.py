@@ -46,6 +46,7 @@ class Moment(NamedTuple, Generic[P]):
         controller: state of the controller.
         picture: the stereo pair; None: the robot has no cameras.
         truth: ground truth of robot and scene; None: nobody knows it.
+        slipping: whether a hand of the operator is knocked off its way, as far as is known.
     """
 
     now_ns: int
@@ -53,6 +54,7 @@ class Moment(NamedTuple, Generic[P]):
     controller: ControllerState
     picture: Picture[P] | None
     truth: tuple[PlantState, SceneState] | None
+    slipping: bool = False
 
 
 class EpisodeFrames(Generic[P]):
@@ -178,6 +180,7 @@ def _frame(moment: Moment[P], setpoint: Setpoint, intervention: bool) -> Frame:
         stamps["truth"] = moment.truth[0].header.stamp
     frame = times(moment.now_ns, **stamps) | {"intervention": intervention}
     frame |= observation(moment.state, moment.controller) | action(setpoint)
+    frame["action/slip"] = float(moment.slipping)
     return frame | (truth(*moment.truth) if moment.truth is not None else {})
 
 

@@ -71,8 +71,8 @@ def add_trial_options(parser: "argparse._ActionsContainer", physics_steps: int =
         "--traits",
         choices=list(TRAITS),
         default="practised",
-        help="kind of synthetic operator: practised (default), or steady, without tremor or aiming "
-        "errors",
+        help="kind of synthetic operator: practised (default); steady, without tremor or aiming "
+        "errors; jostled, whose hands are knocked off their way now and then and come back",
     )
     add_robot_options(parser, physics_steps)
 

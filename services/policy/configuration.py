@@ -186,6 +186,12 @@ class ChunkConfig(StrictModel):
         description="the label is the next frames in which a hand or gripper moves or the robot "
         "walks, so that the pauses of the demonstrations are not learned",
     )
+    execute: int = Field(
+        default=5,
+        ge=1,
+        description="steps of a chunk that are carried out before the next one, in service unless "
+        "configured there; more get past moments at which a policy hesitates",
+    )
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -149,6 +149,10 @@ class PolicyOperator(Service):
             self._player.skip()
         return [*outputs, *self._report(inputs, stamp)]
 
+    def after_step(self) -> None:
+        """Let the network compute, once the set-point is on its way."""
+        self.engine.work()
+
     def close(self) -> None:
         """Let go of the engine."""
         self.engine.close()
@@ -222,4 +226,5 @@ def local_engine(config: PolicyConfig) -> tuple[Engine, Description]:
         PolicyError: the device that is configured is not there.
     """
     runtime, description = load_runtime(config)
-    return LocalEngine(runtime), description
+    policy = description.manifest.policy
+    return LocalEngine(runtime, config.inference_steps_of(policy)), description

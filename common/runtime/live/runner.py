@@ -281,6 +281,7 @@ class LiveRunner:
     def _step(self, now_ns: int) -> None:
         self.inbox.begin_step(now_ns)
         self._publishers.publish(self._service.step(self.inbox, now_ns), now_ns)
+        self._service.after_step()
         self._journal.end_step(time.monotonic_ns())
         if self._service.exit_code is not None:
             self._stop.requested = True

@@ -158,6 +158,7 @@ class ReplayRunner:
         report.inputs += len(inputs)
         try:
             outputs = self._service.step(self._inbox, step.now_ns)
+            self._service.after_step()
         except Exception as error:  # noqa: BLE001 - what it raised may be what was recorded
             report.failure = f"step {step.number}: {type(error).__name__}: {error}"
             if step.completed:

@@ -234,6 +234,7 @@ class SimTimeRunner:
                 journal.begin_step(quiet + period)
         for output in outputs:
             self._publish(host, output.topic, output.message)
+        service.after_step()
         if journal is not None:
             self._end_journal_step(host, journal)
         # A service that has ended itself is stepped no more, like a process that is gone.

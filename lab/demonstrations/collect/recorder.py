@@ -15,6 +15,7 @@ from common.topics import (
     TASK_STATUS,
     TELEOP_GAIT,
     TELEOP_SETPOINT,
+    TELEOP_STATUS,
     WBC_AUTHORITY,
     WBC_STATE,
 )
@@ -54,6 +55,7 @@ class EpisodeRecorder:
         runner = stack.runner
         self._state = runner.newest(PLANT_STATE)
         self._controller = runner.newest(WBC_STATE)
+        self._operator = runner.newest(TELEOP_STATUS)
         runner.on_message(TELEOP_SETPOINT, self._on_setpoint)
         runner.on_message(TELEOP_GAIT, self.frames.gait)
         runner.on_message(TASK_STATUS, self._on_task_status)
@@ -85,7 +87,9 @@ class EpisodeRecorder:
             return None
         plant = self._plant
         truth = plant.truth(), plant.view.state(plant.now_ns, plant.reset_count)
-        return Moment(plant.now_ns, state, controller, _stamped(picture), truth)
+        status = self._operator()
+        slipping = status is not None and status.slipping
+        return Moment(plant.now_ns, state, controller, _stamped(picture), truth, slipping)
 
 
 def _stamped(picture: CameraFrame) -> Picture[int]:

@@ -17,6 +17,15 @@ class NoiseConfig(StrictModel):
     hand: float = Field(default=0.0, ge=0.0, description="constant, on measured hands [m]")
     hand_white: float = Field(default=0.0, ge=0.0, description="white, on measured hands [m]")
     setpoint: float = Field(default=0.0, ge=0.0, description="constant, previous set-points [m]")
+    turn: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="constant, on orientations of measured hands and of previous set-points [rad]; "
+        "what hardly changes within a demonstration tells which one it is, and is learned by heart",
+    )
+    foot: float = Field(
+        default=0.0, ge=0.0, description="constant, on positions of the feet, likewise [m]"
+    )
     scene: float = Field(
         default=0.0,
         ge=0.0,
@@ -95,6 +104,20 @@ class TrainingConfig(StrictModel):
     window: int = Field(default=10, ge=1, description="frames in a window")
     loss_frames: int = Field(
         default=0, ge=0, description="random frames of each window that count; 0: all"
+    )
+    active: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1.0,
+        description="part of the windows that is drawn around frames in which hands or grippers "
+        "move and stand, however little of a demonstration these are; the rest from all frames",
+    )
+    standstill: float = Field(
+        default=0.0,
+        ge=0.0,
+        le=1.0,
+        description="part of the windows in which, from a random frame on, the robot seems to "
+        "stand still: a policy that hesitated has to go on, too",
     )
     rate: float = Field(default=1e-4, gt=0.0, description="largest learning rate")
     schedule: Literal["constant", "one-cycle"] = Field(

@@ -23,6 +23,7 @@ NUMBERS = (
     "action/hands",
     "action/grasp",
     "action/locomotion",
+    "action/slip",
     "action/neck",
     "intervention",
 )

@@ -8,8 +8,8 @@
     checkpoints/000800       a checkpoint, named by its step
     best, last               links to checkpoints: of the least held-out loss, and the newest
 
-XX
-Nothing in it is ever unpickled.
+Beside it, the folder ``estimators`` keeps those parts for trainings that would learn the same.
+Nothing is ever unpickled.
 """
 
 import json
@@ -17,6 +17,7 @@ import shutil
 from pathlib import Path
 from typing import Self
 
+import numpy as np
 import torch
 from pydantic import Field, ValidationError
 from safetensors import SafetensorError, safe_open
@@ -26,6 +27,7 @@ from torch import Tensor, nn
 from common.errors import explain
 from lab.errors import TrainingError
 from lab.learning.training.config import TrainingConfig
+from lab.learning.training.errors import EstimationErrors
 from lab.learning.training.learner import Learner
 from lab.trials.folder import disk_errors, read_model, write_file, write_model
 from lab.trials.spec import settings_differences
@@ -115,26 +117,27 @@ class TrainingFolder:
                 f"--out. There | asked for:\n  {differences}"
             )
 
-    def save_estimator(self, parts: nn.Module, error: list[float], key: str) -> None:
-        """Keep the parts of a network that estimate the scene, and their normalised error.
+    def save_estimator(self, parts: nn.Module, errors: EstimationErrors, key: str) -> None:
+        """Keep the parts of a network that estimate the scene, and their errors.
 
         Args:
             parts: of the network.
-            error: of each number that they estimate.
+            errors: of their estimates.
             key: under which other trainings find them.
 
         Raises:
             TrainingError: they cannot be written.
         """
-        content = save(_on_cpu(parts.state_dict()), {"about": json.dumps(error)})
+        about = json.dumps([part.tolist() for part in errors])
+        content = save(_on_cpu(parts.state_dict()), {"about": about})
         write_file(self.root / ESTIMATOR, content, TrainingError)
         shared = self._shared(key)
         with disk_errors(shared, TrainingError):
             shared.parent.mkdir(exist_ok=True)
         write_file(shared, content, TrainingError)
 
-    def load_estimator(self, parts: nn.Module, key: str) -> list[float] | None:
-        """Read ``parts`` as they were kept here or beside it, and return their error.
+    def load_estimator(self, parts: nn.Module, key: str) -> EstimationErrors | None:
+        """Read ``parts`` as they were kept here or beside it, and return their errors.
 
         Returns:
             None: they were not kept.
@@ -149,8 +152,7 @@ class TrainingFolder:
             write_file(self.root / ESTIMATOR, self._shared(key).read_bytes(), TrainingError)
         tensors, about = found
         parts.load_state_dict(tensors)
-        error: list[float] = json.loads(about)
-        return error
+        return EstimationErrors(*(np.array(part, np.float32) for part in json.loads(about)))
 
     def _shared(self, key: str) -> Path:
         return self.root.parent / SHARED / f"{key[:16]}.safetensors"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from lab.errors import TrainingError
 from lab.learning.training.demonstrations import (
@@ -18,6 +19,7 @@ from lab.learning.training.demonstrations import (
     in_words,
     read_demonstrations,
 )
+from lab.learning.training.errors import EstimationErrors
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
 from lab.learning.training.estimator_key import estimator_key
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
@@ -104,19 +106,21 @@ def _train(job: Job, processes: Processes) -> Progress:
         processor = Processor.fit(policy, [d.arrays for d in learned])
         torch.manual_seed(config.seed)
         network = new_network(policy)
-        scene = None
+        errors = scene = None
         if policy.inputs.estimated:
             key = estimator_key(job.task, digest, policy, config, job.device)
             with processes.in_turn():
-                scene = _estimate(job, folder, key, network, processor, (learned, held_out))
+                errors = _estimate(job, folder, key, network, processor, (learned, held_out))
+            constant = config.noise.estimate * errors.overall
+            scene = Spread(constant, 0.5 * constant)
         learner = Learner(network, config, job.device, processes)
         origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
             folder,
             config,
-            _windows(job, processor, learned, f"learned-{processes.rank}"),
-            _windows(job, processor, held_out, f"held-out-{processes.rank}"),
+            _windows(job, processor, learned, errors, f"learned-{processes.rank}"),
+            _windows(job, processor, held_out, errors, f"held-out-{processes.rank}"),
             (observation_spread(processor, config.noise), scene),
             lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
             processes,
@@ -145,7 +149,11 @@ def _tell_scene(job: Job, demonstrations: Sequence[Demonstration]) -> None:
 
 
 def _windows(
-    job: Job, processor: Processor, demonstrations: Sequence[Demonstration], name: str
+    job: Job,
+    processor: Processor,
+    demonstrations: Sequence[Demonstration],
+    errors: EstimationErrors | None,
+    name: str,
 ) -> Windows:
     """Return the windows of demonstrations, with pictures if the network is to look at them."""
     inputs = processor.inputs
@@ -159,7 +167,7 @@ def _windows(
         ):
             pictures = read_pictures(demonstrations, inputs, path, render, bar.advance)
     arrays = [d.arrays for d in demonstrations]
-    return Windows(processor, arrays, pictures, job.recipe.training, job.device)
+    return Windows(processor, arrays, pictures, job.recipe.training, errors, job.device)
 
 
 def _estimate(
@@ -169,15 +177,15 @@ def _estimate(
     network: PolicyNetwork,
     processor: Processor,
     parts: tuple[Sequence[Demonstration], Sequence[Demonstration]],
-) -> Spread:
-    """Train the parts of ``network`` that estimate the scene, freeze them, and return their error.
+) -> EstimationErrors:
+    """Train the parts of ``network`` that estimate the scene, freeze them, and return their errors.
 
-    It is the error on views of held-out episodes; half of it is white in the noise, too.
+    They are those on views of held-out episodes.
     """
     config, estimating = job.recipe.training, estimating_parts(network)
     assert processor.scene is not None
-    error = folder.load_estimator(estimating, key)
-    if error is None:
+    errors = folder.load_estimator(estimating, key)
+    if errors is None:
         learned, held_out = _views(job, *parts)
         with ProgressBar("estimator", config.views.steps) as bar:
             train_estimator(
@@ -188,15 +196,14 @@ def _estimate(
                 job.device,
                 lambda step, loss: bar.show(step + 1, text=f"loss {loss:.3f}"),
             )
+            truth = processor.scene.normalise(held_out.labels)
             found = estimates(network, held_out, job.device)
-            wrong = np.square(found - processor.scene.normalise(held_out.labels))
-            error = np.sqrt(wrong.mean(axis=0)).tolist()
-            bar.say(_in_words(processor, error))
-        folder.save_estimator(estimating, error, key)
+            errors = EstimationErrors(truth, found - truth)
+            bar.say(_in_words(processor, errors.overall))
+        folder.save_estimator(estimating, errors, key)
     for parameter in estimating.parameters():
         parameter.requires_grad_(False)
-    constant = config.noise.estimate * np.array(error)
-    return Spread(constant, 0.5 * constant)
+    return errors
 
 
 def _views(
@@ -217,7 +224,7 @@ def _views(
         )
 
 
-def _in_words(processor: Processor, error: Sequence[float]) -> str:
+def _in_words(processor: Processor, error: NDArray[np.float32]) -> str:
     """Say how large the error of the estimates is."""
     assert processor.scene is not None
     named = zip(processor.inputs.estimated, error, processor.scene.scale, strict=True)

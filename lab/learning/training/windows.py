@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from common.episodes.columns import BY_PATH
+from common.schemas import ControlState
 from lab.learning.training.config import NoiseConfig, TrainingConfig
+from lab.learning.training.errors import EstimationErrors
 from services.policy.networks.policy import TargetBatch
+from services.policy.processor.actions import moving
 from services.policy.processor.pictures import Picture
 from services.policy.processor.processor import ESTIMATED, Processor
 
@@ -64,13 +67,10 @@ def observation_spread(processor: Processor, noise: NoiseConfig) -> Spread:
             break
         parts = [(0.0, 0.0)] * width
         if name == "observation/poses":
-            parts = [
-                (noise.hand, noise.hand_white) if _is_hand_position(label) else (0.0, 0.0)
-                for label in BY_PATH[name].names
-            ]
+            parts = [_pose_noise(label, noise) for label in BY_PATH[name].names]
         elif name == "previous_setpoint":
             # Positions and rotation vectors of both hands.
-            parts = [(noise.setpoint if i % 6 < 3 else 0.0, 0.0) for i in range(width)]
+            parts = [(noise.setpoint if i % 6 < 3 else noise.turn, 0.0) for i in range(width)]
         elif name == "scene":
             scales = [
                 noise.scene if label.endswith((".x", ".y", ".z")) else noise.scene_angle
@@ -87,8 +87,19 @@ def observation_spread(processor: Processor, noise: NoiseConfig) -> Spread:
     )
 
 
-def _is_hand_position(name: str) -> bool:
-    return "_hand." in name and name.endswith((".x", ".y", ".z"))
+def _pose_noise(name: str, noise: NoiseConfig) -> tuple[float, float]:
+    """Return constant and white noise on the number ``name`` of the column of poses."""
+    position = name.endswith((".x", ".y", ".z"))
+    if "_foot." in name:
+        return (noise.foot if position else 0.0, 0.0)
+    # The parts of a quaternion change by half an angle.
+    return (noise.hand, noise.hand_white) if position else (0.5 * noise.turn, 0.0)
+
+
+def _acting(arrays: dict[str, Any]) -> NDArray[np.bool_]:
+    """Return in which frames hands or grippers move while the robot stands."""
+    moves = moving(np.asarray(arrays["action/hands"]), np.asarray(arrays["action/grasp"]))
+    return moves & (np.asarray(arrays["observation/control_state"]) <= ControlState.BALANCE)
 
 
 class Windows:
@@ -105,6 +116,7 @@ class Windows:
         episodes: Sequence[dict[str, Any]],
         pictures: Picture,
         config: TrainingConfig,
+        errors: EstimationErrors | None = None,
         device: torch.device = _CPU,
     ) -> None:
         """Prepare observations and targets.
@@ -114,6 +126,7 @@ class Windows:
             episodes: columns of each demonstration.
             pictures: (frames, cameras, height, width, 3) of all of them, in order.
             config: of training.
+            errors: of the estimates that the true numbers of the scene stand for.
             device: on which batches are made.
         """
         self._config, self._device = config, device
@@ -126,13 +139,18 @@ class Windows:
         lengths = [len(targets.gait) for targets in found]
         self._last = np.repeat(np.cumsum(lengths) - 1, lengths)
         self._first = np.cumsum([0, *lengths[:-1]])
+        self._begin = np.repeat(self._first, lengths)
+        self._active = np.flatnonzero(np.concatenate([_acting(arrays) for arrays in episodes]))
         helped = np.concatenate([np.asarray(arrays["intervention"]) for arrays in episodes])
         self._kinds = [np.flatnonzero(helped), np.flatnonzero(~helped)]
         """Frames of interventions, and all others."""
-        self._scene = None
+        self._scene = self._relative = None
         if processor.scene is not None:
             shown = np.concatenate([np.asarray(arrays[ESTIMATED]) for arrays in episodes])
-            self._scene = self._tensor(processor.scene.normalise(shown))
+            scene = processor.scene.normalise(shown)
+            self._scene = self._tensor(scene)
+            if errors is not None:
+                self._relative = errors.near(scene) / errors.overall
 
     def __len__(self) -> int:
         return len(self._last)
@@ -147,25 +165,19 @@ class Windows:
     ) -> Batch:
         """Return ``count`` random windows with noise on what is observed, or a part of them."""
         config = self._config
-        starts = self._starts(rng, count)
+        frames = self._starts(rng, count)[:, None] + self._steps(rng, count)
         kept = config.loss_frames or config.window
         at = np.sort(rng.permutation(config.window)[:kept])
         most, shape = config.shift, (count, config.window)
         moves = rng.integers(-most, most + 1, size=(count, 2))[part] if most else None
-        batch = self._batch(starts[part], at, moves)
+        batch = self._batch(frames[part], at, moves)
         batch.observation.add_(self._tensor(observation.draw(rng, *shape)[part]))
         if batch.seen is not None and scene is not None:
-            batch.seen.add_(self._tensor(scene.draw(rng, *shape)[part]))
+            noise = scene.draw(rng, *shape)
+            if self._relative is not None:
+                noise *= self._relative[self._within(frames)]
+            batch.seen.add_(self._tensor(noise[part]))
         return batch
-
-    def _starts(self, rng: np.random.Generator, count: int) -> Array:
-        """Return the first frames of random windows."""
-        share = self._config.interventions.share
-        if share is None or not all(map(len, self._kinds)):
-            return rng.integers(len(self), size=count)
-        helped = rng.binomial(count, share)
-        parts = zip(self._kinds, (helped, count - helped), strict=True)
-        return np.concatenate([rng.choice(frames, size=size) for frames, size in parts])
 
     def whole(self, count: int) -> list[Batch]:
         """Return the episodes cut into windows without overlap, ``count`` in a batch, no noise."""
@@ -174,12 +186,46 @@ class Windows:
         spans = zip(self._first.tolist(), ends, strict=True)
         starts = np.concatenate([np.arange(first, end, window) for first, end in spans])
         at = np.arange(window)
-        return [self._batch(starts[i : i + count], at, None) for i in range(0, len(starts), count)]
+        frames = starts[:, None] + at
+        return [self._batch(frames[i : i + count], at, None) for i in range(0, len(frames), count)]
 
-    def _batch(self, starts: Array, at: Array, moves: Array | None) -> Batch:
-        frames = starts[:, None] + np.arange(self._config.window)
-        valid = frames <= self._last[starts][:, None]
-        index = self._tensor(np.minimum(frames, self._last[starts][:, None]))
+    def _starts(self, rng: np.random.Generator, count: int) -> Array:
+        """Return the first frames of random windows, a part of them around active frames."""
+        starts = self._helped_starts(rng, count)
+        if self._config.active and len(self._active):
+            frames = self._active[rng.integers(len(self._active), size=count)]
+            before = frames - rng.integers(self._config.window, size=count)
+            around = rng.uniform(size=count) < self._config.active
+            starts = np.where(around, np.maximum(before, self._begin[frames]), starts)
+        return starts
+
+    def _helped_starts(self, rng: np.random.Generator, count: int) -> Array:
+        """Return random frames, as many of interventions as configured."""
+        share = self._config.interventions.share
+        if share is None or not all(map(len, self._kinds)):
+            return rng.integers(len(self), size=count)
+        helped = rng.binomial(count, share)
+        parts = zip(self._kinds, (helped, count - helped), strict=True)
+        return np.concatenate([rng.choice(frames, size=size) for frames, size in parts])
+
+    def _steps(self, rng: np.random.Generator, count: int) -> Array:
+        """Return the steps (count, window) of windows; where one stands still, one is repeated."""
+        window = self._config.window
+        steps = np.tile(np.arange(window), (count, 1))
+        if self._config.standstill:
+            still = rng.uniform(size=count) < self._config.standstill
+            ends = np.where(still, rng.integers(window, size=count), window)
+            steps = np.minimum(steps, ends[:, None])
+        return steps
+
+    def _within(self, frames: Array) -> Array:
+        """Return the frames (b, t) of windows, the last one for those beyond its episode's end."""
+        found: Array = np.minimum(frames, self._last[frames[:, :1]])
+        return found
+
+    def _batch(self, frames: Array, at: Array, moves: Array | None) -> Batch:
+        valid = frames <= self._last[frames[:, :1]]
+        index = self._tensor(self._within(frames))
         counted = index[:, at]
         counts = self._tensor(valid[:, at])
         targets = TargetBatch._make([*(column[counted] for column in self._targets), counts])

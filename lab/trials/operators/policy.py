@@ -54,6 +54,9 @@ class MeanEngine:
         """Answer at once."""
         self._answers = [Answer(request.step, self._decision, request.memory)]
 
+    def work(self) -> None:
+        """Nothing is left to be done."""
+
     def answers(self) -> list[Answer]:
         """Return the answer to the last request, once."""
         given, self._answers = self._answers, []

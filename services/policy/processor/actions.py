@@ -4,8 +4,9 @@ Each representation encodes the set-points of an episode for training and decode
 in service, so that both mean the same. Poses are in the body frame; quaternions are (w, x, y, z).
 """
 
+from collections.abc import Mapping
 from math import ceil
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from common.robot.kinematics import FORWARD_HAND
 from common.robot.pose import Pose
 from common.robot.rotations import multiply, nearer_sign, normalised, rotate, rotation_between
 from common.robot.workspace import clamp_to_workspace
+from common.schemas import ControlState
 from common.schemas.arrays import Float64Array as Array
 from services.policy.configuration import ChunkConfig, DifferenceConfig
 
@@ -49,13 +51,11 @@ class Representation(Protocol):
 
     shape: tuple[int, int]
 
-    def frames(self, hands: Array, grasp: Array, walks: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def frames(self, active: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Return, for each of T frames, the frames (T, steps) that it is to predict.
 
         Args:
-            hands: (T, 14) hand set-points, the column ``action/hands``.
-            grasp: (T, 2) gripper set-points, the column ``action/grasp``.
-            walks: (T,) whether a gait is in progress.
+            active: (T,) what :func:`active_frames` returns of an episode.
         """
 
     def encode(self, hands: Array, neck: Array, frames: NDArray[np.int64]) -> Array:
@@ -87,10 +87,9 @@ class PoseDifferences:
 
     shape = DifferenceConfig().shape
 
-    def frames(self, hands: Array, grasp: Array, walks: NDArray[np.bool_]) -> NDArray[np.int64]:
+    def frames(self, active: NDArray[np.bool_]) -> NDArray[np.int64]:
         """Return each frame itself (T, 1)."""
-        del grasp, walks
-        return np.arange(len(hands))[:, None]
+        return np.arange(len(active))[:, None]
 
     def encode(self, hands: Array, neck: Array, frames: NDArray[np.int64]) -> Array:
         """Return the differences (T, 1, 14)."""
@@ -118,20 +117,14 @@ class AbsoluteChunks:
         self.shape = config.shape
         self._active_time = config.active_time
 
-    def frames(self, hands: Array, grasp: Array, walks: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return the next frames (T, steps), in active time those in which something moves.
-
-        A gait is motion too: hands that rest on what is pushed have to stay there all along.
-        Otherwise, what follows a grasp would be the opening of the hands at the end of the walk.
-        """
-        count = len(hands)
-        counted = np.ones(count, dtype=np.bool_)
-        if self._active_time:
-            counted = moving(hands, grasp) | walks
+    def frames(self, active: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Return the next frames (T, steps), in active time the active ones."""
+        count = len(active)
+        counted = active if self._active_time else np.ones(count, dtype=np.bool_)
         # Where the frames run out, the last one is repeated.
-        active = np.concatenate((np.flatnonzero(counted), np.full(self.shape[0], count - 1)))
-        first = np.searchsorted(active, np.arange(count))
-        return np.asarray(active[first[:, None] + np.arange(self.shape[0])], dtype=np.int64)
+        later = np.concatenate((np.flatnonzero(counted), np.full(self.shape[0], count - 1)))
+        first = np.searchsorted(later, np.arange(count))
+        return np.asarray(later[first[:, None] + np.arange(self.shape[0])], dtype=np.int64)
 
     def encode(self, hands: Array, neck: Array, frames: NDArray[np.int64]) -> Array:
         """Return the set-points (T, steps, 13)."""
@@ -166,6 +159,24 @@ def absolute(hands: Array) -> Array:
         for row in hands.reshape(-1, 14)
     ]
     return np.reshape(rows, (*hands.shape[:-1], 12))
+
+
+def active_frames(arrays: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Return which of an episode's T frames count in active time: something moves, and is meant to.
+
+    A robot that walks moves: hands that rest meanwhile are to rest then, for what they do after the
+    last gait would be done before the robot is where it is to be done. A hand that is knocked off
+    its way (the column ``action/slip``) is no example; its way back is.
+
+    Args:
+        arrays: columns of the episode.
+    """
+    moves = moving(np.asarray(arrays["action/hands"]), np.asarray(arrays["action/grasp"]))
+    walks = np.asarray(arrays["observation/control_state"]) > ControlState.BALANCE
+    # Older files have no such column, or NaN.
+    slips = np.asarray(arrays.get("action/slip", np.zeros(len(moves)))) > 0.0
+    active: NDArray[np.bool_] = (moves | walks) & ~slips
+    return active
 
 
 def moving(hands: Array, grasp: Array) -> NDArray[np.bool_]:

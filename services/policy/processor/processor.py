@@ -18,7 +18,13 @@ from services.policy.configuration import (
     StrictModel,
 )
 from services.policy.errors import ProcessorError
-from services.policy.processor.actions import Command, Representation, absolute, representation
+from services.policy.processor.actions import (
+    Command,
+    Representation,
+    absolute,
+    active_frames,
+    representation,
+)
 from services.policy.processor.statistics import Statistics
 from services.policy.processor.targets import Targets, gait_targets
 
@@ -34,8 +40,12 @@ ESTIMATED = "estimated"
 """The column of the true values of the numbers that a network estimates."""
 INPUT_FLOOR = 0.01
 """Least scale of a number of the observation, in its unit: m, rad/s, 1."""
-ACTION_FLOOR = 1e-4
-"""Least scale of a number of the action, in its unit: m, rad, 1."""
+ACTION_FLOOR = {"differences": 1e-4, "chunks": 0.02}
+"""Least scale of a number of the action, in its unit: m, rad, 1.
+
+Differences are of millimetres. Of absolute set-points, a hand that rests through all demonstrations
+varies by millimetres too, and with a smaller scale its trembling would be what is learned first.
+"""
 SCENE_FLOOR = 0.01
 """Least scale of an estimated number of the scene, in its unit: m, rad, 1."""
 
@@ -112,7 +122,7 @@ class Processor(StrictModel):
             actions=config.actions,
             hazard_frames=config.loss.hazard_frames,
             observation=Statistics.of(np.concatenate(observed), INPUT_FLOOR),
-            action=Statistics.of(np.concatenate(acted), ACTION_FLOOR),
+            action=Statistics.of(np.concatenate(acted), ACTION_FLOOR[config.actions.kind]),
             scene=Statistics.of(np.concatenate(shown), SCENE_FLOOR) if shown else None,
         )
 
@@ -169,8 +179,7 @@ class Processor(StrictModel):
 def _actions(chosen: Representation, arrays: Arrays) -> tuple[Array, NDArray[np.int64]]:
     """Return actions (T, steps, numbers) and the frames (T, steps) that they are of."""
     hands, neck = np.asarray(arrays["action/hands"]), np.asarray(arrays["action/neck"])
-    walks = np.asarray(arrays[_STATE]) > ControlState.BALANCE
-    frames = chosen.frames(hands, np.asarray(arrays["action/grasp"]), walks)
+    frames = chosen.frames(active_frames(arrays))
     return chosen.encode(hands, neck, frames), frames
 
 

@@ -7,8 +7,6 @@ from pydantic import Field, model_validator
 
 from services.policy.configuration import ChunkConfig, PolicySettings, StrictModel
 
-EXECUTE = 5
-"""Steps of a chunk that are carried out before the next one, unless configured [1/20 s]."""
 RuntimeName = Literal["torch", "onnx", "openvino"]
 """What computes a network: torch, ONNX Runtime or OpenVINO."""
 Precision = Literal["float32", "bfloat16"]
@@ -60,7 +58,8 @@ class PolicyConfig(StrictModel):
     execute: int | None = Field(
         default=None,
         ge=1,
-        description="steps of a chunk that are carried out before the next one; null: 5",
+        description="steps of a chunk that are carried out before the next one; null: as the "
+        "checkpoint says",
     )
     window: int | None = Field(
         default=None,
@@ -69,6 +68,16 @@ class PolicyConfig(StrictModel):
         description="frames that a recurrent policy sees anew for each answer, from an empty "
         "memory, as in training; 0: the memory goes on from the start. null: 20 for a policy of "
         "chunks, 0 for any other",
+    )
+    inference_steps: int | None = Field(
+        default=None,
+        ge=0,
+        le=15,
+        description="steps of 50 ms from a request to the use of its answer, where the network "
+        "runs in the policy's own process. 0: the set-point of the step waits for the network; 1: "
+        "the network runs after that has been sent, so that set-points come steadily however long "
+        "it takes; more: in simulated time, in which computing takes none, what a slow processor "
+        "would do. null: 1 for a policy of chunks, 0 for any other",
     )
     compensate: bool = Field(
         default=True,
@@ -113,7 +122,14 @@ class PolicyConfig(StrictModel):
 
     def steps_of(self, policy: PolicySettings) -> int:
         """Return how many steps of an answer of ``policy`` are carried out before the next one."""
-        return min(self.execute or EXECUTE, policy.actions.shape[0])
+        wanted = policy.actions.execute if isinstance(policy.actions, ChunkConfig) else 1
+        return min(self.execute or wanted, policy.actions.shape[0])
+
+    def inference_steps_of(self, policy: PolicySettings) -> int:
+        """Return the steps from a request of ``policy`` to the use of its answer."""
+        if self.inference_steps is not None:
+            return self.inference_steps
+        return 1 if isinstance(policy.actions, ChunkConfig) else 0
 
     def window_of(self, policy: PolicySettings) -> int:
         """Return the frames that ``policy`` sees anew for each answer; 0: its memory goes on."""

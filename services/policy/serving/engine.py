@@ -66,6 +66,9 @@ class Engine(Protocol):
     def answers(self) -> list[Answer]:
         """Return the answers that came since the last call, in the order in which they came."""
 
+    def work(self) -> None:
+        """Compute, if it is to be done in this process; called after each step's set-point."""
+
     def close(self) -> None:
         """Release resources."""
 
@@ -80,23 +83,51 @@ class Runtime(Protocol):
 
 
 class LocalEngine:
-    """Answers in this process, at once."""
+    """Answers in this process.
 
-    refused, problem, waiting = 0, "", False
+    Attributes:
+        waiting: whether an answer to the last request is still to come.
+    """
 
-    def __init__(self, runtime: Runtime) -> None:
-        self._runtime = runtime
-        self._answers: list[Answer] = []
+    refused, problem = 0, ""
+
+    def __init__(self, runtime: Runtime, steps: int = 0) -> None:
+        """Answer with ``runtime``.
+
+        Args:
+            runtime: runs the network.
+            steps: from a request to its answer. 0: at once, and the set-point of the step waits for
+                it; otherwise the network runs after that has been sent.
+        """
+        self.waiting = False
+        self._runtime, self._steps = runtime, steps
+        self._request: Request | None = None
+        self._answer: Answer | None = None
+        self._age = 0
 
     def ask(self, request: Request) -> None:
-        """Compute the answer."""
-        decision, memory = self._runtime.run(*request[1:])
-        self._answers = [Answer(request.step, decision, memory)]
+        """Begin to answer; without delay, compute."""
+        self._request, self._answer, self._age = request, None, 0
+        self.waiting = True
+        if self._steps == 0:
+            self._compute()
+
+    def work(self) -> None:
+        """Compute what was asked in this step, and count the step."""
+        self._compute()
+        self._age += 1
 
     def answers(self) -> list[Answer]:
-        """Return the answer to the last request, once."""
-        given, self._answers = self._answers, []
-        return given
+        """Return the answer to the last request, once, when it is due."""
+        if self._answer is None or self._age < self._steps:
+            return []
+        given, self._answer, self.waiting = self._answer, None, False
+        return [given]
 
     def close(self) -> None:
         """Nothing is held."""
+
+    def _compute(self) -> None:
+        if self._request is not None:
+            request, self._request = self._request, None
+            self._answer = Answer(request.step, *self._runtime.run(*request[1:]))

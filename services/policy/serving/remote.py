@@ -87,6 +87,9 @@ class RemoteEngine(Component):
             self.waiting = False
             self._notice(f"the request was not sent: {error}")
 
+    def work(self) -> None:
+        """Nothing: the server computes."""
+
     def answers(self) -> list[Answer]:
         """Return the answers that came; errors are counted and logged."""
         found = []

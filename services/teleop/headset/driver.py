@@ -135,6 +135,10 @@ class Driver:
         if isinstance(message, Key) and binding_of(message.key) is STOP:
             # Everybody's, and never too late.
             return self.console.press(message.key, moment.now, moment.stamp)
+        if isinstance(message, Away):
+            # A device that sleeps may stop the page's clock.
+            page.punctuality = Punctuality()
+            return []
         if lateness > self._config.silence:
             self.late += 1
             return []

@@ -34,6 +34,8 @@ RATE = 300.0
 PATIENCE = 50
 """Messages that are refused before a page is sent away."""
 START_TIMEOUT = 10.0
+GOODBYE_TIMEOUT = 1.0
+"""Time for pages to answer that they are closed [s]."""
 LOWEST_PRIORITY = 1
 """Of real-time scheduling."""
 HEADERS = {
@@ -105,7 +107,9 @@ class WebServer:
         app.router.add_post("/socket", self._check)
         app.router.add_static("/", PAGE)
         # No access log: it would hold the token.
-        self._runner = web.AppRunner(app, access_log=None, handler_cancellation=True)
+        self._runner = web.AppRunner(
+            app, access_log=None, handler_cancellation=True, shutdown_timeout=GOODBYE_TIMEOUT
+        )
         await self._runner.setup()
         context: ssl.SSLContext | None = self._credentials.context
         site = web.TCPSite(
@@ -115,10 +119,12 @@ class WebServer:
         self.port = self._runner.addresses[0][1]
 
     async def _stop(self) -> None:
-        for connection in tuple(self._connections):
-            with suppress(TimeoutError):
-                async with asyncio.timeout(1.0):
-                    await connection.socket.close(code=WSCloseCode.GOING_AWAY)
+        goodbyes = [
+            connection.socket.close(code=WSCloseCode.GOING_AWAY) for connection in self._connections
+        ]
+        with suppress(TimeoutError):
+            async with asyncio.timeout(GOODBYE_TIMEOUT):
+                await asyncio.gather(*goodbyes, return_exceptions=True)
         if self._runner is not None:
             await self._runner.cleanup()
 

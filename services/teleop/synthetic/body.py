@@ -13,7 +13,7 @@ from common.schemas import DeviceInput, Header
 from services.teleop.errors import TeleopError
 from services.teleop.headset.mapping import Button
 from services.teleop.synthetic.observation import Observation
-from services.teleop.synthetic.operator_hand import OperatorHand, Tremor
+from services.teleop.synthetic.operator_hand import OperatorHand, Slips, Tremor
 from services.teleop.synthetic.traits import OperatorTraits
 from services.teleop.targets.hand import SIDES
 
@@ -51,7 +51,14 @@ class OperatorBody:
         self.time, self.dt = 0.0, 0.05
         self.seen = seen
         self.own_hands = {
-            s: OperatorHand(s, rng, traits.tremor, traits.tremor_angle) for s in SIDES
+            s: OperatorHand(
+                s,
+                rng,
+                traits.tremor,
+                traits.tremor_angle,
+                Slips(rng, traits.slips, traits.slip, traits.slip_angle),
+            )
+            for s in SIDES
         }
         self.gaze = 0.3
         self.note = ""
@@ -77,6 +84,11 @@ class OperatorBody:
     def hand_speed(self, side: str) -> float:
         """Return the observed speed of a hand of the robot [m/s]."""
         return self._speed[side]
+
+    @property
+    def slipping(self) -> bool:
+        """Whether a hand is being knocked off its way."""
+        return any(own.slips.away for own in self.own_hands.values())
 
     def advance(self, dt: float) -> None:
         """Advance hands and head by ``dt`` [s]."""

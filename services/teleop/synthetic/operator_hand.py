@@ -18,6 +18,8 @@ from services.teleop.targets.hand import minimum_jerk
 TREMOR_BAND = (0.8, 9.0)
 """Frequencies of the tremor [Hz], below the Nyquist frequency of samples at 20 Hz."""
 _TONES = 8
+_KNOCK, _RETURN = 0.25, 0.6
+"""Times that a hand takes to be knocked off its way, and to come back [s]."""
 _NOT_ROTATED = np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -38,6 +40,46 @@ class Tremor:
         return self._amplitude * tones
 
 
+class Slips:
+    """Knocks that displace a hand at random times; each time it comes back.
+
+    Attributes:
+        offset: (6,) displacement [m] and rotation vector [rad] of the hand.
+    """
+
+    def __init__(
+        self, rng: np.random.Generator, rate: float, distance: float, angle: float
+    ) -> None:
+        """Begin without one; nothing is drawn if there are to be none.
+
+        Args:
+            rng: of times and displacements.
+            rate: how often [1/s].
+            distance: standard deviation per axis [m].
+            angle: standard deviation per axis [rad].
+        """
+        self.offset = np.zeros(6)
+        self._rng, self._rate = rng, rate
+        self._deviation = np.repeat((distance, angle), 3)
+        self._farthest = np.zeros(6)
+        self._elapsed = math.inf
+
+    @property
+    def away(self) -> bool:
+        """Whether the hand is on its way off, not yet on its way back."""
+        return self._elapsed <= _KNOCK
+
+    def advance(self, dt: float, *, safe: bool) -> None:
+        """Advance by ``dt`` [s]; a knock begins only while it is ``safe``."""
+        self._elapsed += dt
+        rests = safe and self._rate > 0.0 and self._elapsed >= _KNOCK + _RETURN
+        if rests and self._rng.uniform() < self._rate * dt:
+            self._farthest, self._elapsed = self._rng.normal(0.0, self._deviation), 0.0
+        back = (self._elapsed - _KNOCK) / _RETURN
+        share = minimum_jerk(self._elapsed / _KNOCK) if self.away else 1.0 - minimum_jerk(back)
+        self.offset = share * self._farthest
+
+
 class OperatorHand:
     """One hand controller, in the operator's frame: origin on the floor below, x ahead.
 
@@ -47,9 +89,12 @@ class OperatorHand:
         quaternion: (4,) without tremor.
         trigger: 0 to 1.
         squeeze: 0 to 1.
+        slips: what knocks the hand off its way.
     """
 
-    def __init__(self, side: str, rng: np.random.Generator, tremor: float, angle: float) -> None:
+    def __init__(
+        self, side: str, rng: np.random.Generator, tremor: float, angle: float, slips: Slips
+    ) -> None:
         """Draw the hand's rest pose.
 
         Args:
@@ -57,7 +102,9 @@ class OperatorHand:
             rng: of pose and tremor.
             tremor: standard deviation per axis [m].
             angle: standard deviation per axis [rad].
+            slips: what knocks the hand off its way.
         """
+        self.slips = slips
         sign = 1.0 if side == "left" else -1.0
         self.side = side
         self.position = np.array([0.36, 0.22 * sign, 1.12]) + rng.normal(0.0, 0.02, 3)
@@ -117,6 +164,8 @@ class OperatorHand:
                 self._reach = None
         else:
             self.position = self.position + self._velocity * dt
+        # A person who is knocked does not go on to grip.
+        self.slips.advance(dt, safe=not self.trigger_moving)
         step = dt / self._trigger_time
         self.trigger += min(max(self._goal_trigger - self.trigger, -step), step)
 
@@ -127,9 +176,10 @@ class OperatorHand:
             time: since the start, for the tremor [s].
             facing: heading of the operator in the room [rad].
         """
-        position = self.position + self._tremor.at(time)
+        shift, turn = self.slips.offset[:3], self.slips.offset[3:]
+        position = self.position + self._tremor.at(time) + shift
         turned = multiply(
-            quaternion_from_rotation_vector(self._angular_tremor.at(time)), self.quaternion
+            quaternion_from_rotation_vector(self._angular_tremor.at(time) + turn), self.quaternion
         )
         about = rotation_between(_NOT_ROTATED, turned)
         # The device's axes are the room's: a rotation about the operator's axes, seen from there.

@@ -155,7 +155,8 @@ class SyntheticOperator(Service):
         outputs = [] if seen is None else self._acts(seen, inputs, min(elapsed, LONGEST_STEP))
         header = Header() if seen is None else Header(stamp=seen.stamp)
         claims = self._claimant.claims(now_ns, header.stamp)
-        return [*claims, *outputs, *self._status(header, elapsed)]
+        # The status first: it says whether what follows is meant.
+        return [*claims, *self._status(header, elapsed), *outputs]
 
     def _acts(self, seen: Observation, inputs: Inputs, dt: float) -> list[Output]:
         """Act for one tick of ``dt`` [s], if it has the robot; return what it sends to it."""
@@ -252,6 +253,7 @@ class SyntheticOperator(Service):
             label=self.note[:200],
             finished=self.finished,
             failed=self.failure[:200],
+            slipping=self.model is not None and self.model.slipping,
         )
         self._since_shown += elapsed
         if status == self._shown and self._since_shown < STATUS_PERIOD:

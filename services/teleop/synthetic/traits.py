@@ -10,7 +10,7 @@ class OperatorTraits(BaseModel):
 
     Their orders of magnitude are those of people: simple reactions take 0.2 to 0.3 s, aimed reaches
     have a bell-shaped speed profile and miss the goal by a few per cent of their length, a held
-    hand trembles by a millimetre or two below 10 Hz. Tremor, sway and errors are standard
+    hand trembles by a millimetre or two below 10 Hz. Tremor, sway, errors and slips are standard
     deviations.
     """
 
@@ -48,6 +48,13 @@ class OperatorTraits(BaseModel):
     answer_patience: float = Field(
         default=1.5, gt=0.0, description="likewise, until a button is pressed again [s]"
     )
+    slips: float = Field(
+        default=0.0,
+        ge=0.0,
+        description="how often a hand is knocked off its way, from which it comes back [1/s]",
+    )
+    slip: float = Field(default=0.02, ge=0.0, description="how far, per axis [m]")
+    slip_angle: float = Field(default=0.1, ge=0.0, description="likewise [rad]")
     variety: float = Field(
         default=1.0, ge=0.0, description="scale of variation in way-points and speeds; 0: none"
     )
@@ -58,5 +65,9 @@ TRAITS: Final[dict[str, OperatorTraits]] = {
     "steady": OperatorTraits(
         name="steady", tremor=0.0, tremor_angle=0.0, aim_error=0.0, head_sway=0.0, head_turn=0.0
     ),
+    "jostled": OperatorTraits(name="jostled", slips=0.3),
 }
-"""Named sets; ``steady`` has neither tremor nor aiming errors, for comparison."""
+"""Named sets; ``steady`` has neither tremor nor aiming errors, for comparison. The hands of the
+``jostled`` one are knocked off their way every few seconds, so that its demonstrations show how to
+come back; the idea is that of DART (Laskey et al., "DART: Noise Injection for Robust Imitation
+Learning", 2017), which disturbs a demonstrator with noise."""

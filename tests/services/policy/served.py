@@ -112,6 +112,9 @@ class MadeEngine:
         """Say which step it is, where the requests do not."""
         self._step = step
 
+    def work(self) -> None:
+        pass
+
     def answers(self) -> list[Answer]:
         now = max([self._step, *(request.step for request in self.requests)])
         due = [answer for at, answer in self._due if at <= now]

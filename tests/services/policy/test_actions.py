@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from common.robot.rotations import matrix_from_quaternion, rotation_vector_from_matrix
+from common.schemas import ControlState
 from services.policy.configuration import ChunkConfig
 from services.policy.processor.actions import (
     AbsoluteChunks,
     Command,
     PoseDifferences,
     absolute,
+    active_frames,
     moving,
 )
 from tests.services.policy.made import episode
@@ -19,7 +21,7 @@ def test_pose_differences_lead_from_set_point_to_set_point() -> None:
     arrays = episode(3)
     hands, neck = arrays["action/hands"], arrays["action/neck"]
     differences = PoseDifferences()
-    frames = differences.frames(hands, arrays["action/grasp"], np.zeros(30, dtype=np.bool_))
+    frames = differences.frames(active_frames(arrays))
     action = differences.encode(hands, neck, frames)
 
     assert action.shape == (30, 1, 14)
@@ -67,7 +69,7 @@ def test_chunks_hold_the_set_points_that_follow(active_time: bool) -> None:
     arrays = episode(4)
     hands, neck = arrays["action/hands"], arrays["action/neck"]
     chunks = AbsoluteChunks(ChunkConfig(steps=5, active_time=active_time))
-    frames = chunks.frames(hands, arrays["action/grasp"], np.zeros(30, dtype=np.bool_))
+    frames = chunks.frames(active_frames(arrays))
     action = chunks.encode(hands, neck, frames)
 
     assert action.shape == (30, 5, 13)
@@ -84,16 +86,37 @@ def test_active_time_leaves_out_the_frames_in_which_nothing_moves() -> None:
     hands = np.concatenate((moves[:10], np.repeat(moves[9:10], 40, axis=0), moves[10:]))
     grasp = np.zeros((60, 2))
     grasp[30:] = 1.0
+    columns = {
+        "action/hands": hands,
+        "action/grasp": grasp,
+        "observation/control_state": np.full(60, int(ControlState.BALANCE)),
+    }
     active = np.flatnonzero(moving(hands, grasp))
+    np.testing.assert_array_equal(np.flatnonzero(active_frames(columns)), active)
     # Judged over the last 0.3 s, six frames: in the pause only the gripper moves.
     np.testing.assert_array_equal(active[(active > 15) & (active < 50)], np.arange(30, 36))
     assert {8, 9, 10} <= set(active.tolist())
 
-    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(hands, grasp, np.zeros(60, dtype=np.bool_))
+    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(active_frames(columns))
     np.testing.assert_array_equal(frames[20, :6], np.arange(30, 36))
     # Out of the pause the labels lead away from it at once.
     assert frames[40, 0] == frames[20, 6] >= 50
     assert np.linalg.norm(hands[frames[40, 0]] - hands[40]) > 0.005
+
+
+def test_a_hand_that_is_knocked_away_is_no_example_but_its_way_back_is() -> None:
+    arrays = episode(7)
+    slips = np.zeros(30)
+    slips[10:15] = 1.0
+    frames = AbsoluteChunks(ChunkConfig(steps=4)).frames(
+        active_frames(arrays | {"action/slip": slips})
+    )
+    np.testing.assert_array_equal(frames[8], [8, 9, 15, 16])
+    np.testing.assert_array_equal(frames[12], [15, 16, 17, 18])
+    # Older files have no such column; it is read as NaN.
+    np.testing.assert_array_equal(
+        active_frames(arrays | {"action/slip": np.full(30, np.nan)}), active_frames(arrays)
+    )
 
 
 def test_hands_stay_closed_while_the_robot_walks() -> None:
@@ -101,9 +124,14 @@ def test_hands_stay_closed_while_the_robot_walks() -> None:
     hands = np.repeat(episode(5)["action/hands"][:1], 60, axis=0)
     grasp = np.zeros((60, 2))
     grasp[10:50] = 1.0
-    walks = np.zeros(60, dtype=np.bool_)
-    walks[20:40] = True
-    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(hands, grasp, walks)
+    state = np.full(60, int(ControlState.BALANCE))
+    state[20:40] = ControlState.LF_SWING
+    columns = {
+        "action/hands": hands,
+        "action/grasp": grasp,
+        "observation/control_state": state,
+    }
+    frames = AbsoluteChunks(ChunkConfig(steps=8)).frames(active_frames(columns))
     # What follows the grasp is the walk, not the opening at its end, which comes after it.
     np.testing.assert_array_equal(frames[16], np.arange(20, 28))
     np.testing.assert_array_equal(frames[40, :6], np.arange(50, 56))

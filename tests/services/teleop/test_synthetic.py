@@ -25,7 +25,7 @@ from common.topics import (
     WBC_TARGET,
 )
 from services.teleop.synthetic.observation import Observation, Observer
-from services.teleop.synthetic.operator_hand import OperatorHand, Tremor
+from services.teleop.synthetic.operator_hand import OperatorHand, Slips, Tremor
 from services.teleop.synthetic.operator_model import OperatorModel
 from services.teleop.synthetic.service import SyntheticConfig, SyntheticOperator
 from services.teleop.synthetic.strategies import STRATEGIES, find_strategy
@@ -73,7 +73,8 @@ def test_the_rule_turns_then_goes_ahead_then_aside() -> None:
 
 
 def test_a_reach_is_bell_shaped_and_arrives() -> None:
-    own = OperatorHand("left", np.random.default_rng(0), 0.0, 0.0)
+    rng = np.random.default_rng(0)
+    own = OperatorHand("left", rng, 0.0, 0.0, Slips(rng, 0.0, 0.0, 0.0))
     start = own.position
     own.move(np.array([0.1, 0.0, 0.0]), np.zeros(3), 1.0)
     path = [start]
@@ -85,6 +86,38 @@ def test_a_reach_is_bell_shaped_and_arrives() -> None:
     assert steps[0] < 0.1 * steps.max()
     np.testing.assert_allclose(own.position - start, [0.1, 0.0, 0.0])
     assert minimum_jerk(0.5) == pytest.approx(0.5)
+
+
+def test_a_hand_that_is_knocked_off_its_way_comes_back() -> None:
+    slips = Slips(np.random.default_rng(0), 0.5, 0.02, 0.1)
+    offsets, away = [], []
+    for _ in range(20 * 400):
+        slips.advance(0.05, safe=True)
+        offsets.append(slips.offset)
+        away.append(slips.away)
+    distance = np.linalg.norm(np.array(offsets)[:, :3], axis=1)
+    ends = np.flatnonzero(np.diff(np.array(away, dtype=int)) < 0)
+    # Every 2 s, and 0.85 s of each.
+    assert len(ends) == pytest.approx(400 / 2.85, rel=0.2)
+    assert np.array(offsets)[ends, :3].std() == pytest.approx(0.02, rel=0.15)
+    assert np.array(offsets)[ends, 3:].std() == pytest.approx(0.1, rel=0.15)
+    for end in ends[:-1]:
+        # Off in five steps, and back in twelve.
+        assert np.all(np.diff(distance[end - 5 : end + 1]) > 0.0)
+        assert np.all(np.diff(distance[end : end + 13]) < 0.0)
+        assert distance[end - 5] == distance[end + 12] == 0.0
+
+
+def test_a_hand_is_not_knocked_while_it_grips_and_without_slips_nothing_is_drawn() -> None:
+    slips = Slips(np.random.default_rng(0), 10.0, 0.02, 0.1)
+    for _ in range(100):
+        slips.advance(0.05, safe=False)
+        assert not slips.away
+        assert not slips.offset.any()
+    rng = np.random.default_rng(5)
+    quiet = Slips(rng, 0.0, 0.02, 0.1)
+    quiet.advance(0.05, safe=True)
+    assert rng.uniform() == np.random.default_rng(5).uniform()
 
 
 def test_tremor_has_its_size_and_its_band() -> None:

@@ -36,7 +36,6 @@ export class Eyes {
         const { picture, closure, error } = status.hands[side];
         const at = picture[eye];
         const { group, ring, text } = hands[side];
-        group.hidden = !at;
         group.style.display = at ? "" : "none";
         if (!at) continue;
         group.setAttribute("transform", `translate(${at[0] * HEIGHT} ${at[1] * HEIGHT})`);

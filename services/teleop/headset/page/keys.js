@@ -38,6 +38,8 @@ export class Keys {
 
   #bind(button) {
     const { key } = button.dataset;
+    // Otherwise Enter and space would press a button that was clicked, and not take or pause.
+    button.addEventListener("pointerup", () => button.blur());
     if (!("repeats" in button.dataset)) {
       button.addEventListener("click", () => this.send(key));
       return;

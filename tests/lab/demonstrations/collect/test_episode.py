@@ -23,9 +23,11 @@ from lab.demonstrations.collect.episode import EpisodeResult, make_episode
 from lab.demonstrations.collect.info import sheet
 from lab.demonstrations.collect.store import DatasetStore
 from lab.errors import StoppedError
+from lab.trials.operators.specs import SyntheticSpec
 from lab.trials.stack import TaskStack
 from services.sim.errors import RenderingUnavailableError, SimError
 from services.sim.tasks import find_task
+from services.teleop.synthetic.traits import TRAITS
 from tests.lab.demonstrations.collect.support import CODE, CONFIG
 
 BEGUN = CONFIG.model_copy(update={"keep_failures": True})
@@ -93,6 +95,22 @@ def test_frames_are_those_of_the_trial(tmp_path: Path) -> None:
         np.testing.assert_array_equal(hands[:, 7:10], right)
         grasp = np.array([point.gripper_closure for point in points])
         np.testing.assert_array_equal(episode.array("action/grasp"), grasp)
+
+
+def test_frames_in_which_a_hand_is_knocked_off_its_way_are_marked(tmp_path: Path) -> None:
+    # Without tremor a hand that does not reach yet moves only when it is knocked.
+    traits = TRAITS["steady"].model_copy(update={"slips": 2.0})
+    jostled = BEGUN.model_copy(update={"operator": SyntheticSpec(traits=traits)})
+    with open_episode(written(tmp_path / "e.h5", of(0, jostled))) as episode:
+        slips, hands = episode.array("action/slip"), episode.array("action/hands")
+    assert 0.1 < slips.mean() < 0.9
+    first = int(np.flatnonzero(slips)[0])
+    off = np.linalg.norm(hands[first : first + 7] - hands[first], axis=1)
+    assert np.all(slips[first : first + 6] == 1.0)
+    assert np.all(np.diff(off) > 0.0)
+    assert off[5] > 0.005
+    with open_episode(written(tmp_path / "quiet.h5", of(0, BEGUN))) as episode:
+        assert not episode.array("action/slip").any()
 
 
 def test_a_whole_trial_is_a_success_and_passes_every_check(tmp_path: Path) -> None:

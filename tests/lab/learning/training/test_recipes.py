@@ -3,9 +3,11 @@
 import pytest
 
 from common.errors import ConfigError
-from lab.learning.training.recipes import recipe
+from lab.learning.training.recipes import TASKS, recipe
 from services.policy.configuration import ChunkConfig, DifferenceConfig
+from services.policy.kinds import CONFIGS
 from services.policy.trill.configuration import TrillConfig
+from services.sim.tasks import all_tasks
 
 NAMES = ("lever_grip.x", "door_hinge")
 
@@ -45,3 +47,12 @@ def test_changes_are_laid_over_the_preset() -> None:
 def test_an_unknown_setting_is_named() -> None:
     with pytest.raises(ConfigError, match=r"rat: unknown|rat.*not permitted|rat"):
         recipe("trill", "cpu", "chunks", "blind", changes={"training": {"rat": 1.0}})
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_what_a_task_needs_fits_every_kind_and_is_overruled_by_options(task: str) -> None:
+    assert task in all_tasks()
+    for kind in CONFIGS:
+        policy, training = recipe(kind, "cpu", "chunks", "blind", changes=TASKS[task])
+        assert isinstance(policy.actions, ChunkConfig)
+        assert training != recipe(kind, "cpu", "chunks", "blind").training

@@ -298,6 +298,16 @@ def test_a_hidden_page_drives_no_longer() -> None:
     assert not person.told["drives"]
 
 
+def test_a_page_whose_clock_stood_still_while_it_was_hidden_is_not_late() -> None:
+    room = Room()
+    person = room.enter()
+    person.send("away")
+    person.clock_ms -= 60_000.0
+    person.watch(0.1).key("w")
+    assert room.gaits == ["FORWARD"]
+    assert room.operator.driver.late == 0
+
+
 def test_the_page_cannot_end_the_operator() -> None:
     room = Room()
     person = room.enter()

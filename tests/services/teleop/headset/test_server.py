@@ -276,3 +276,14 @@ def test_a_port_that_is_taken_is_an_error_in_words(site: Site) -> None:
     second = WebServer(config, replace(site.credentials), Hub())
     with pytest.raises(TeleopError, match=r"choose another one: --port"):
         second.start()
+
+
+def test_the_server_ends_though_pages_do_not_answer(tmp_path: Path) -> None:
+    async def linger(site: Site) -> None:
+        async with site.page(), site.page(), site.page():
+            # These clients read nothing, and so do not answer the goodbye.
+            await asyncio.to_thread(site.close)
+
+    site = Site(tmp_path)
+    run(linger(site))
+    assert not site.server._thread.is_alive()
