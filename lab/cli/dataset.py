@@ -1,4 +1,4 @@
-"""The subcommand ``trill dataset``: collected demonstrations in the formats of other projects."""
+"""The subcommand ``trill dataset``: from recorded runs, and to the formats of other projects."""
 
 import argparse
 import sys
@@ -14,8 +14,10 @@ from lab.trials.options import whole_number
 if TYPE_CHECKING:
     from lab.demonstrations.export.selection import ExportInput
 
-TEXT = """Export the demonstrations of `trill collect` for other projects' training code."""
+TEXT = """Make episodes of recorded runs, beside those of `trill collect`, and export demonstrations
+for other projects' training code."""
 EXAMPLES = """examples:
+  trill dataset add runs/20260131-120000 --out runs/datasets/door-by-hand
   trill dataset export runs/datasets/door-unlock --format lerobot
   trill dataset export --help
 """
@@ -64,9 +66,11 @@ _PIXELS = whole_number(16, 1920)
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the subcommands of ``trill dataset``."""
     export = Action(EXPORT, EXPORT_EXAMPLES, _export_options, _export)
-    add_commands(
-        parser, [Command("export", "for lerobot or robomimic", export)], "dataset", "action"
+    commands = (
+        Command("add", "make episodes of recorded runs", "lab.cli.dataset_add:ACTION"),
+        Command("export", "for lerobot or robomimic", export),
     )
+    add_commands(parser, commands, "dataset", "action")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -166,7 +166,7 @@ def _report(results: Sequence[Path], out: Path) -> int:
                 name = "-".join((what, *setting.replace(",", "").split())) + ".png"
                 title = f"{what.capitalize()}: {setting}"
                 columns = getattr(comparison, what)
-                if draw_success(out / name, title, comparison.tasks, columns):
+                if draw_success(out / name, title, columns):
                     written.append(name)
         if draw_sizes(out / "sizes.png", rows_of(records)):
             written.append("sizes.png")

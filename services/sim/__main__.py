@@ -29,7 +29,9 @@ def _add_arguments(parser: ArgumentParser) -> None:
     group.add_argument(
         "--task",
         metavar="NAME",
-        help=f"scored task, in its own scene ({', '.join(all_tasks())}); see trill tasks",
+        type=lambda text: text or None,
+        help=f"scored task, in its own scene ({', '.join(all_tasks())}; empty: none); see trill "
+        "tasks",
     )
     group.add_argument(
         "--torque-mode",

@@ -1,5 +1,6 @@
 """The containers' declarations, without a container engine."""
 
+import argparse
 import importlib.util
 import os
 import re
@@ -18,10 +19,13 @@ from common.links.config import Links, parse_link_options
 from common.links.spec import LinkSpec
 from common.ports import DEFAULT_BASE_PORT, PORT_OFFSETS, ROUTER_OFFSET
 from common.transport.config import bus_config
+from services.sim.__main__ import _add_arguments
 
 ROOT = Path(__file__).parents[2]
 DEPLOY = ROOT / "deploy"
-SERVICES = ("router", "logger", "wbc", "sim", "cameras", "teleop")
+SERVICES = ("router", "logger", "wbc", "sim", "cameras", "policy", "player", "teleop")
+CLIENTS = ("logger", "cameras", "policy", "player")
+"""Those that reach the others through the router."""
 CONTROL = ("sim", "wbc", "teleop")
 EXTRAS = {
     "router": "",
@@ -29,6 +33,8 @@ EXTRAS = {
     "wbc": "wbc",
     "sim": "sim",
     "cameras": "sim",
+    "policy": "policy",
+    "player": "player",
     "teleop": "teleop",
 }
 """The one extra each image may install."""
@@ -138,7 +144,7 @@ def test_each_image_is_its_own_target_with_only_its_own_extra(name: str) -> None
     asked = " ".join(
         [*packages["dependencies"], *packages["optional-dependencies"].get(EXTRAS[name], [])]
     )
-    assert "torch" not in asked + " ".join(found.lines)
+    assert ("torch" in asked + " ".join(found.lines)) == (name == "policy")
     assert ("mujoco" in asked) == (name in {"sim", "cameras"})
 
 
@@ -214,7 +220,7 @@ def test_the_router_reaches_the_control_services_and_clients_reach_the_router() 
         f"tcp/{name}:{DEFAULT_BASE_PORT + PORT_OFFSETS[name]}" for name in CONTROL
     }
     assert [filled(text) for text in services()["router"]["ports"]] == [f"127.0.0.1:{port}:{port}"]
-    for name in ("logger", "cameras"):
+    for name in CLIENTS:
         bus = bus_config({}, {}, environment(services()[name]))
         assert (bus.mode, bus.listen_endpoints(name)) == ("client", [])
         assert bus.connect_endpoints(name) == [f"tcp/router:{port}"]
@@ -225,7 +231,7 @@ def test_who_names_another_shares_a_network_with_it_and_clients_share_none_with_
         for endpoint in filter(None, environment(service).get("TRILL_CONNECT", "").split(",")):
             other = urlsplit(endpoint.replace("tcp/", "tcp://")).hostname or ""
             assert set(service["networks"]) & set(services()[other]["networks"])
-    for client in ("logger", "cameras"):
+    for client in CLIENTS:
         for name in CONTROL:
             assert not set(services()[client]["networks"]) & set(services()[name]["networks"])
 
@@ -251,6 +257,39 @@ def test_the_plant_stops_before_the_controller_and_the_logger_after_both() -> No
     assert {"sim", "wbc", "logger"} <= after("teleop")
     assert "logger" in after("wbc") & after("cameras")
     assert "router" in after("logger")
+
+
+def test_a_policy_is_started_only_if_it_is_asked_for_and_cannot_write_its_checkpoint() -> None:
+    for name in ("policy", "player"):
+        assert services()[name]["profiles"] == [name]
+        (volume,) = services()[name]["volumes"]
+        folder, place, mode = filled(volume, TRILL_POLICY="best").split(":")
+        assert (folder, mode) == ("best", "ro")
+        assert command(services()[name])[:2] == [place, "--stay"]
+        shipped = filled(volume).partition(":")[0]
+        assert (DEPLOY / shipped / "config.json").is_file()
+    assert all("profiles" not in services()[name] for name in set(SERVICES) - {"policy", "player"})
+    assert "--remote" in command(services()["player"])
+
+
+def test_the_inference_server_runs_anywhere_confined_and_as_a_client() -> None:
+    service = load("compose.inference.yaml")["services"]["inference"]
+    found = image(service["build"]["target"])
+    assert found.module == "services.policy.server"
+    assert found.extras == {"policy"}
+    assert re.match(r"[1-9]\d*:", found.user)
+    for key in ("init", "read_only", "cap_drop", "security_opt", "restart", "tmpfs"):
+        assert service[key] == services()["cameras"][key]
+    bus = bus_config({}, {}, environment(service))
+    assert (bus.mode, bus.robot) == ("client", "draco3")
+    assert "ports" not in service
+
+
+@pytest.mark.parametrize(("task", "expected"), [("", None), ("door/unlock", "door/unlock")])
+def test_the_task_can_be_chosen(task: str, expected: str | None) -> None:
+    parser = argparse.ArgumentParser()
+    _add_arguments(parser)
+    assert parser.parse_args(command(services()["sim"], TRILL_TASK=task)).task == expected
 
 
 def test_recordings_outlive_the_container() -> None:

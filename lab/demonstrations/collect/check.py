@@ -16,6 +16,7 @@ from common.errors import TrillError
 from lab.demonstrations.collect.config import EpisodeConfig, origin_of
 from lab.demonstrations.collect.episode import make_episode
 from lab.demonstrations.collect.store import DatasetStore
+from lab.demonstrations.recorded.config import RecordedConfig
 from lab.trials.provenance import CodeVersion
 
 _NORM_TOLERANCE = 1e-6
@@ -52,7 +53,7 @@ def check(store: DatasetStore, on_file: Callable[[], None] = lambda: None) -> li
     return found + list(_check_index(store, lines))
 
 
-def _check_verdict(line: IndexLine, config: EpisodeConfig) -> Iterator[str]:
+def _check_verdict(line: IndexLine, config: EpisodeConfig | RecordedConfig) -> Iterator[str]:
     meta = line.meta
     if not line.kept and meta.success:
         yield "a success that was not kept"
@@ -185,6 +186,8 @@ def remake(store: DatasetStore, seed: int) -> str:
     if not paths:
         raise EpisodeError(f"no trial with seed {seed} in {store.root}")
     before = store.read(paths[0])
+    if before.meta.recording:
+        raise EpisodeError(f"{paths[0]} is of a recorded run, which cannot be made again")
     made = make_episode(EpisodeConfig.of(before.meta), seed)
     meta = made.meta
     content = made.content or (meta.model_dump_json() + "\n").encode()

@@ -1,6 +1,7 @@
 """``dataset.json``: the settings of a data set's episodes, and the code that made them."""
 
 from pathlib import Path
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -8,6 +9,7 @@ from common.episodes.errors import EpisodeError
 from common.episodes.folder import DATASET
 from common.errors import ConfigError
 from lab.demonstrations.collect.config import EpisodeConfig
+from lab.demonstrations.recorded.config import RecordedConfig
 from lab.trials.folder import read_model
 from lab.trials.provenance import CodeVersion
 from lab.trials.spec import settings_differences
@@ -25,7 +27,7 @@ class DatasetFile(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    config: EpisodeConfig
+    config: Annotated[RecordedConfig | EpisodeConfig, Field(union_mode="left_to_right")]
     code: tuple[CodeVersion, ...] = Field(min_length=1)
     first_seed: int = Field(ge=0)
     wanted: int = Field(default=0, ge=0)

@@ -1,6 +1,7 @@
 """Summarises a data set as a table, and draws an episode as a picture."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.console import Group, RenderableType
@@ -51,8 +52,9 @@ def _conditions(line: IndexLine) -> str:
     """Format who operated the robot, and under which settings."""
     pictures = line.meta.picture_size
     text = f"pictures: {pictures[0]}x{pictures[1]}" if pictures else "pictures: none"
-    if line.meta.operator != "synthetic":
-        return f"operator: {line.meta.operator}; {text}"
+    if line.meta.recording:
+        links: Any = line.meta.recording.get("links", {})
+        return f"operator: {line.meta.operator}, recorded; links: {links_text(links)}; {text}"
     config = EpisodeConfig.of(line.meta)
     return (
         f"operator: {config.operator}; links: {links_text(config.links)}; torques: "

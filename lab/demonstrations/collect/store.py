@@ -19,9 +19,11 @@ from common.episodes.folder import (
     read_meta,
     trial_files,
 )
+from common.errors import ConfigError
 from common.files import PART
 from lab.demonstrations.collect.config import EpisodeConfig, origin_of
 from lab.demonstrations.collect.dataset import DatasetFile, read_dataset
+from lab.demonstrations.recorded.config import RecordedConfig
 from lab.trials.folder import disk_errors, locked_folder, write_file, write_model
 from lab.trials.provenance import CodeVersion
 from lab.trials.spec import settings_differences
@@ -37,7 +39,7 @@ class DatasetStore:
     def __init__(self, root: Path) -> None:
         self.root = root
 
-    def config(self) -> EpisodeConfig:
+    def config(self) -> EpisodeConfig | RecordedConfig:
         """Return the settings of its episodes.
 
         Raises:
@@ -100,9 +102,8 @@ class DatasetStore:
             )
         else:
             file = DatasetFile(config=config, code=(code,), first_seed=seed or 0)
+        self._make_folders()
         with disk_errors(self.root, EpisodeError):
-            for folder in (EPISODES, REJECTED):
-                (self.root / folder).mkdir(exist_ok=True)
             # Not below other folders: an export beside the episodes keeps its own files.
             for place in (self.root, self.root / EPISODES, self.root / REJECTED):
                 for torn in place.glob(f"*{PART}"):
@@ -112,6 +113,50 @@ class DatasetStore:
         if file != known:
             write_model(self.root / DATASET, file, EpisodeError)
         return file.first_seed
+
+    def adding(self, config: RecordedConfig, code: CodeVersion, *, mix: bool) -> RecordedConfig:
+        """Begin a data set of recorded episodes, or go on with it, as the holder of the lock.
+
+        Args:
+            config: settings of one episode more.
+            code: the code that made it.
+            mix: whether it may be by another kind of operator than those there.
+
+        Returns:
+            the settings of the data set.
+
+        Raises:
+            ConfigError: it does not fit the episodes there.
+            EpisodeError: the folder cannot be written.
+        """
+        known = read_dataset(self.root)
+        if known is None:
+            known = DatasetFile(config=config, code=(code,), first_seed=0)
+        there = known.config
+        if not isinstance(there, RecordedConfig):
+            raise ConfigError(
+                f"{self.root} has simulated trials, which cannot be mixed with recorded ones; "
+                "choose another --out: trill train takes several --data"
+            )
+        if differences := settings_differences(there.origin(), config.origin()):
+            raise ConfigError(
+                f"{self.root} has other episodes; choose another --out. There | asked for:\n  "
+                + "\n  ".join(differences)
+            )
+        joined = there.with_operator(config.operators[0], mix=mix)
+        joined = joined.model_copy(
+            update={"keep_failures": there.keep_failures or config.keep_failures}
+        )
+        codes = known.code if not known.code[-1].differences(code) else (*known.code, code)
+        self._make_folders()
+        file = known.model_copy(update={"config": joined, "code": codes})
+        write_model(self.root / DATASET, file, EpisodeError)
+        return joined
+
+    def _make_folders(self) -> None:
+        with disk_errors(self.root, EpisodeError):
+            for folder in (EPISODES, REJECTED):
+                (self.root / folder).mkdir(exist_ok=True)
 
     def add(self, meta: EpisodeMeta, content: bytes | None) -> IndexLine:
         """Write the file of a trial, its episode or only its metadata, and extend the index."""

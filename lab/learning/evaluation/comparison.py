@@ -1,6 +1,6 @@
 """Arranges rows as the paper's tables are: kinds of policy beside one another, and ablations."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 from lab.learning.evaluation.names import ABLATIONS, KINDS, PolicyName, policy_name
@@ -31,13 +31,11 @@ class Comparison(NamedTuple):
 
     Attributes:
         setting: what they have in common; empty: as published.
-        tasks: that were evaluated, the paper's first.
         kinds: the kinds of policy, and what success without eyes is.
         ablations: of the policy ``trill``, itself first; empty: there are none.
     """
 
     setting: str
-    tasks: tuple[str, ...]
     kinds: tuple[Column, ...]
     ablations: tuple[Column, ...]
 
@@ -52,6 +50,12 @@ class Named(NamedTuple):
 
     name: PolicyName
     baseline: bool
+
+
+def tasks_of(columns: Iterable[Column]) -> list[str]:
+    """Return the tasks in which policies were evaluated, the paper's first."""
+    found = {task for column in columns for task in column.rows}
+    return [*(task for task in PAPER_TASKS if task in found), *sorted(found - {*PAPER_TASKS})]
 
 
 def rows_of(records: Iterable[TrialRecord]) -> list[Row]:
@@ -103,12 +107,17 @@ def _comparison(
                 continue
         head = head if row.link == "none" else f"{head}; {row.link}"
         kinds.setdefault(head, {})[row.task] = row
-    found = {task for columns in (kinds, ablated) for cells in columns.values() for task in cells}
+    # A baseline or an ablation is shown beside what it is to be compared with.
+    own = {
+        row.task
+        for row in rows
+        if any(one.name.setting == setting for one in names.get(row.label, ()))
+    }
+    changed = {task for head, cells in ablated.items() if head in ABLATED[1:] for task in cells}
     return Comparison(
         setting,
-        (*(task for task in PAPER_TASKS if task in found), *sorted(found - {*PAPER_TASKS})),
-        _beside_paper(kinds, KINDS),
-        _beside_paper(ablated, ABLATED) if {*ABLATED[1:]} & {*ablated} else (),
+        _beside_paper(kinds, KINDS, own),
+        _beside_paper(ablated, ABLATED, changed) if changed else (),
     )
 
 
@@ -125,12 +134,17 @@ def _head(label: str, name: PolicyName, setting: str) -> str:
 
 
 def _beside_paper(
-    found: Mapping[str, Mapping[str, Row]], paper: Sequence[str]
+    found: Mapping[str, Mapping[str, Row]], paper: Sequence[str], tasks: Collection[str]
 ) -> tuple[Column, ...]:
-    """Return columns of what was measured, in the paper's order, with what it reports."""
+    """Return columns of what was measured in ``tasks``, and of what the paper reports."""
     heads = [*paper, *(head for head in found if head not in paper)]
     return tuple(
-        Column(head, found.get(head, {}), PAPER[head] if head in paper else {}) for head in heads
+        Column(
+            head,
+            {task: row for task, row in found.get(head, {}).items() if task in tasks},
+            PAPER[head] if head in paper else {},
+        )
+        for head in heads
     )
 
 

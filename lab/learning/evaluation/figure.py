@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lab.learning.evaluation.comparison import Column
+from lab.learning.evaluation.comparison import Column, tasks_of
 from lab.learning.evaluation.summary import Row
 from lab.review.figure import DPI, GRID_COLOUR, new_figure
 
@@ -17,13 +17,12 @@ _GROUP, _WIDEST = 0.8, 0.2
 """Parts of the distance between two tasks: of all bars of a task at most, and of one."""
 
 
-def draw_success(path: Path, title: str, tasks: Sequence[str], columns: Sequence[Column]) -> bool:
+def draw_success(path: Path, title: str, columns: Sequence[Column]) -> bool:
     """Draw success as bars, a group for each task, and the paper's success as marks on them.
 
     Args:
         path: the PNG file.
         title: of the figure.
-        tasks: that are drawn.
         columns: policies that are drawn.
 
     Returns:
@@ -36,23 +35,24 @@ def draw_success(path: Path, title: str, tasks: Sequence[str], columns: Sequence
     drawn = [(colour, column) for colour, column in enumerate(columns) if column.rows]
     if not drawn:
         return False
+    tasks = tasks_of(columns)
     figure = new_figure(max(640, 320 + 60 * len(tasks) * len(drawn)), 420)
     axes = figure.subplots()
     width = min(_WIDEST, _GROUP / len(drawn))
     for number, (colour, column) in enumerate(drawn):
         at = {t: i + width * (number - (len(drawn) - 1) / 2) for i, t in enumerate(tasks)}
-        mine = [row for task, row in column.rows.items() if task in at]
+        mine = list(column.rows.values())
         places = [at[row.task] for row in mine]
         axes.bar(
             places, [100 * row.success.share for row in mine], 0.9 * width,
             color=_COLOURS[colour % len(_COLOURS)], label=column.head,
         )  # fmt: skip
         axes.errorbar(places, **_shares(mine), fmt="none", ecolor="#333333", capsize=3)
-        said = [task for task in tasks if task in column.paper]
+        said = [task for task in column.rows if task in column.paper]
         axes.plot(
             [at[task] for task in said], [column.paper[task].success for task in said],
             linestyle="none", marker="D", color="white", markeredgecolor="black", markersize=7,
-            label="paper" if said else "_",
+            clip_on=False, label="paper" if said else "_",
         )  # fmt: skip
     axes.set_title(title, fontsize=11)
     axes.set_xticks(range(len(tasks)), tasks)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from common.errors import ConfigError
-from lab.learning.evaluation.comparison import Column, Comparison, comparisons, rows_of
+from lab.learning.evaluation.comparison import Column, comparisons, rows_of, tasks_of
 from lab.learning.evaluation.paper import SOURCE
 from lab.learning.evaluation.summary import Row
 from lab.learning.evaluation.text import share_text
@@ -52,9 +52,9 @@ def tables_text(records: Sequence[TrialRecord]) -> str:
         )
     for comparison in comparisons(records):
         setting = comparison.setting or PUBLISHED
-        parts += [f"## Success: {setting}\n", _table(comparison, comparison.kinds)]
+        parts += [f"## Success: {setting}\n", _table(comparison.kinds)]
         if comparison.ablations:
-            parts += [f"\n## Ablations: {setting}\n", _table(comparison, comparison.ablations)]
+            parts += [f"\n## Ablations: {setting}\n", _table(comparison.ablations)]
         parts.append("")
     return "\n".join([*parts, "## All rows\n", _all_rows(rows_of(records)), ""])
 
@@ -74,12 +74,12 @@ def _learned_from(records: Sequence[TrialRecord]) -> str:
     return text
 
 
-def _table(comparison: Comparison, columns: Sequence[Column]) -> str:
+def _table(columns: Sequence[Column]) -> str:
     """Return a table with a row for each task; columns are the policies, then the paper's."""
     measured = [column for column in columns if column.rows]
     reported = [column for column in columns if column.paper]
     body = []
-    for task in comparison.tasks:
+    for task in tasks_of(columns):
         cells = [_cell(column.rows[task]) if task in column.rows else "" for column in measured]
         for column in reported:
             rates = column.paper.get(task)

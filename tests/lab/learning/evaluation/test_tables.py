@@ -34,6 +34,9 @@ def files(tmp_path: Path) -> Path:
         kept.add(trial(mono, seed), result(seed, "success" if seed < 2 else "failure"))
     for other in (unseeing, told, reactive):
         kept.add(trial(other), result(0, "failure"))
+    # Nothing was evaluated there that a blind policy could be compared with.
+    elsewhere = trial(unseeing).model_copy(update={"task": "door/walk"})
+    kept.add(elsewhere, result(0, "failure", task="door/walk"))
     blind = large.model_copy(update={"pictures": still, "label": "trill, mean pictures"})
     kept.add(trial(blind), result(0, "failure", still=4.0))
     TrialFile(tmp_path / "results" / "operator.jsonl").add(
@@ -50,13 +53,15 @@ def test_the_tables_stand_beside_the_papers(
     text = (out / "policies.md").read_text()
     assert text in capsys.readouterr().out
     assert "versions of the code" not in text
-    assert "Demonstrations learned from: door/unlock 30, 120." in text
+    assert "Demonstrations learned from: door/unlock 30, 120; door/walk 120." in text
     success, _, rest = text.partition("## Ablations: as published")
     ablations, _, rest = rest.partition("## Success: chunks")
     chunks, _, everything = rest.partition("## All rows")
     columns = ["bc", "trill", "trill, blind", "trill, mean pictures"]
     columns += ["operator (synthetic, practised)", "paper: bc", "paper: bc-rnn", "paper: trill"]
     assert row(success, "| task |") == f"| task | {' | '.join(columns)} |"
+    assert "| door/walk |" not in success + chunks
+    assert "| door/walk |" in everything
     cells = row(success, "| door/unlock |").split(" | ")
     # The policy of 120 demonstrations, not that of 30.
     assert cells[2] == "75 [30, 95] (100) n: 4"

@@ -1,0 +1,1 @@
+"""Episodes from the logs of recorded runs."""
