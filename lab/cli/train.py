@@ -174,7 +174,7 @@ def folder_name(task: str) -> str:
 
 def _recipe(arguments: argparse.Namespace) -> "Recipe":
     """Return the settings that the options mean."""
-    from lab.learning.training.recipes import SCENES, TASKS, recipe
+    from lab.learning.training.recipes import SCENES, recipe, task_settings
     from lab.learning.training.truth import TruthReader
 
     scene: tuple[str, ...] = ()
@@ -186,7 +186,8 @@ def _recipe(arguments: argparse.Namespace) -> "Recipe":
         training["steps"] = arguments.steps
     if arguments.pretrain_views is not None:
         training["views"] = {"count": arguments.pretrain_views}
-    own = TASKS.get(arguments.task, {}) if arguments.recipe == "chunks" else {}
+    chunks = arguments.recipe == "chunks"
+    own = task_settings(arguments.policy, arguments.task) if chunks else {}
     changes: Mapping[str, Any] = overlaid(own, {"training": training})
     for text in arguments.set:
         changes = overlaid(changes, _setting(text))

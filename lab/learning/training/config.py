@@ -62,13 +62,27 @@ class ViewsConfig(StrictModel):
     steps: int = Field(default=600, ge=1, description="gradient steps")
     batch: int = Field(default=32, ge=2, description="views in a step")
     rate: float = Field(default=3e-3, gt=0.0, description="largest learning rate")
+    landmarks: tuple[str, ...] = Field(
+        default=(),
+        description="objects of the scene that are in sight, tied to a key point each; none: those "
+        "whose position is estimated",
+    )
     heat: float = Field(
         default=0.1,
         ge=0.0,
-        description="weight of a second loss: a key point for each object, a Gaussian around it",
+        description="weight of a second loss: a key point for each landmark, a Gaussian around it",
     )
     brightness: float = Field(default=0.05, ge=0.0, description="of the pictures' jitter [1]")
     contrast: float = Field(default=0.1, ge=0.0, description="of the pictures' jitter [1]")
+
+
+class GaitsConfig(StrictModel):
+    """How a network of their own for the gaits learns, before the rest of the policy."""
+
+    steps: int = Field(default=600, ge=1, description="gradient steps")
+    batch: int = Field(default=256, ge=1, description="frames in a step")
+    rate: float = Field(default=3e-3, gt=0.0, description="largest learning rate")
+    weight_decay: float = Field(default=1e-4, ge=0.0, description="of AdamW")
 
 
 class InterventionConfig(StrictModel):
@@ -136,6 +150,7 @@ class TrainingConfig(StrictModel):
     )
     noise: NoiseConfig = NoiseConfig()
     views: ViewsConfig = ViewsConfig()
+    gaits: GaitsConfig = GaitsConfig()
     interventions: InterventionConfig = InterventionConfig()
     held_out: float = Field(
         default=0.1, gt=0.0, lt=1.0, description="part of the episodes that is not learned from"

@@ -27,8 +27,7 @@ def run_steps(
     learner: Learner,
     folder: TrainingFolder,
     config: TrainingConfig,
-    learned: Windows,
-    held_out: Windows,
+    windows: tuple[Windows, Windows],
     spreads: tuple[Spread, Spread | None],
     keep: Keep,
     processes: Processes,
@@ -39,8 +38,7 @@ def run_steps(
         learner: what learns.
         folder: where state and metrics are kept.
         config: of training.
-        learned: windows to learn from.
-        held_out: windows to validate on.
+        windows: to learn from, and to validate on.
         spreads: noise on observations, and on numbers of the scene in place of an estimate.
         keep: called after each validation, by the first process.
         processes: that learn together.
@@ -49,6 +47,7 @@ def run_steps(
         TrainingError: the loss is no number any more, or the disk fails.
     """
     progress = folder.load_state(learner)
+    learned, held_out = windows
     part = processes.part(config.batch)
     batches = held_out.whole(config.batch) if processes.first else []
     earlier, began, gathered = progress.seconds, monotonic(), list[Metrics]()

@@ -15,11 +15,13 @@ Inputs = Literal["pictures", "scene", "blind"]
 """What a policy knows of the scene: its pictures, the simulator's numbers, or nothing."""
 SCENES: Final[dict[str, tuple[str, ...]]] = {
     "door/unlock": ("lever_grip", "door_hinge", "door_lever"),
+    "door/walk": ("goal",),
     "bench/hammer": ("hammer_grip", "cart_tray"),
     "door/push": (
         *("lever_grip.x", "lever_grip.y", "lever_grip.z"),
         *("goal.x", "goal.y", "goal.sin_yaw", "door_hinge"),
     ),
+    "bench/walk": ("goal",),
     "bench/push": (
         *("cart_bar.x", "cart_bar.y", "cart_bar.z", "cart_bar.sin_yaw"),
         *("goal.x", "goal.y"),
@@ -74,6 +76,8 @@ _CHUNKS: Final[dict[str, Any]] = {
 }
 """Chunks of absolute set-points in active time, noise on the inputs, the gait trigger as a hazard,
 and, from pictures, an encoder that first learns where things are from rendered views."""
+_WALKING_VIEWS: Final[dict[str, Any]] = {"along": 0.05, "across": 0.06, "yaw": 0.1, "steps": 1000}
+"""Wherever a gait may end, between the places where those of the demonstrations ended."""
 TASKS: Final[dict[str, dict[str, Any]]] = {
     "bench/hammer": {
         # Few frames show that it is time to stop walking; without weight they are not learned.
@@ -93,6 +97,25 @@ TASKS: Final[dict[str, dict[str, Any]]] = {
             "views": {"steps": 1500},
         },
     },
+    # The place to be reached is not in sight of a robot that stands on it; lever and bar are.
+    "door/walk": {
+        "policy": {"gait_network": {}},
+        "training": {"views": {"landmarks": ("lever_grip",), **_WALKING_VIEWS}},
+    },
+    "bench/walk": {
+        "policy": {"gait_network": {}},
+        "training": {"views": {"landmarks": ("cart_bar",), **_WALKING_VIEWS}},
+    },
+    # To pass the frame the robot has to know to centimetres where it is; and where it walks through
+    # the scene, the scene of another frame may be in its body.
+    "door/push": {
+        "policy": {"gait_network": {}},
+        "training": {
+            "noise": {"estimate": 0.5},
+            "views": {"count": 5000, "steps": 2000, "other_scene": 0.0},
+        },
+    },
+    "bench/push": {"training": {"views": {"steps": 1000, "other_scene": 0.1}}},
 }
 """What a task needs besides, laid over the recipe ``chunks``."""
 _PAPER: Final[dict[Profile, dict[str, Any]]] = {
@@ -149,3 +172,15 @@ def recipe(
         )
     except ValidationError as error:
         raise ConfigError(f"the settings of the training are wrong: {explain(error)}") from error
+
+
+def task_settings(kind: str, task: str) -> dict[str, Any]:
+    """Return the part of :data:`TASKS` for ``task`` that a policy of a kind has.
+
+    A network of their own for the gaits needs outputs of their own.
+    """
+    own = dict(TASKS.get(task, {}))
+    if "policy" in own:
+        known = CONFIGS[kind].model_fields
+        own["policy"] = {key: part for key, part in own["policy"].items() if key in known}
+    return own

@@ -23,6 +23,7 @@ from lab.learning.training.errors import EstimationErrors
 from lab.learning.training.estimator import estimates, estimating_parts, train_estimator
 from lab.learning.training.estimator_key import estimator_key
 from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
+from lab.learning.training.gaits import train_gaits
 from lab.learning.training.learner import Learner
 from lab.learning.training.loop import part_done, run_steps
 from lab.learning.training.pictures import read_pictures
@@ -38,6 +39,7 @@ from services.policy.checkpoint.manifest import Origin
 from services.policy.kinds import network as new_network
 from services.policy.networks.policy import PolicyNetwork
 from services.policy.processor.processor import ESTIMATED, Processor
+from services.policy.trill.network import TrillNetwork
 
 PACKAGES = ("torch", "safetensors", "numpy", "h5py", "mujoco")
 """Packages whose versions can change what is learned."""
@@ -113,15 +115,20 @@ def _train(job: Job, processes: Processes) -> Progress:
                 errors = _estimate(job, folder, key, network, processor, (learned, held_out))
             constant = config.noise.estimate * errors.overall
             scene = Spread(constant, 0.5 * constant)
+        windows = (
+            _windows(job, processor, learned, errors, f"learned-{processes.rank}"),
+            _windows(job, processor, held_out, errors, f"held-out-{processes.rank}"),
+        )
+        spreads = observation_spread(processor, config.noise), scene
+        _learn_gaits(job, network, windows, spreads)
         learner = Learner(network, config, job.device, processes)
         origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
             folder,
             config,
-            _windows(job, processor, learned, errors, f"learned-{processes.rank}"),
-            _windows(job, processor, held_out, errors, f"held-out-{processes.rank}"),
-            (observation_spread(processor, config.noise), scene),
+            windows,
+            spreads,
             lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
             processes,
         )
@@ -204,6 +211,33 @@ def _estimate(
     for parameter in estimating.parameters():
         parameter.requires_grad_(False)
     return errors
+
+
+def _learn_gaits(
+    job: Job,
+    network: PolicyNetwork,
+    windows: tuple[Windows, Windows],
+    spreads: tuple[Spread, Spread | None],
+) -> None:
+    """Train the gaits' own network and freeze it, if there is one.
+
+    It is learned anew when a training goes on, to the same weights: that takes seconds.
+    """
+    if not isinstance(network, TrillNetwork) or network.gait_network is None:
+        return
+    config = job.recipe.training
+    with ProgressBar("gaits", config.gaits.steps) as bar:
+        terms = train_gaits(
+            network.gait_network.to(job.device),
+            *windows,
+            spreads,
+            config,
+            lambda step, loss: bar.show(step, text=f"loss {loss:.3f}"),
+        )
+        found = ", ".join(f"{name} {value:.3f}" for name, value in terms.items())
+        bar.say(f"gaits: loss on held-out episodes {found}")
+    for parameter in network.gait_network.parameters():
+        parameter.requires_grad_(False)
 
 
 def _views(

@@ -33,8 +33,8 @@ class Views(NamedTuple):
         pictures: (n, cameras, height, width, 3) as a policy sees them.
         labels: (n, m) numbers of the scene, m or rad.
         points: (n, cameras, objects, 2) where the objects are in the pictures, from -1 (left edge,
-            top edge) to 1; NaN behind the camera. Objects are those with a position among the
-            labels, in their order.
+            top edge) to 1; NaN behind the camera. Objects are the landmarks, or else those with a
+            position among the labels, in their order.
     """
 
     pictures: Picture
@@ -64,7 +64,7 @@ def render_views(
         demonstrations: whose frames they are.
         inputs: of the policy: cameras, size of its pictures, names of the labels.
         size: width and height of the robot's cameras [pixels].
-        config: how far the torso is moved.
+        config: how far the torso is moved, and the landmarks.
         count: number of views.
         rng: draws frames and moves.
         advance: called after each view.
@@ -73,7 +73,7 @@ def render_views(
         RenderingUnavailableError: there is no off-screen OpenGL.
     """
     cameras, (width, height) = inputs.cameras, inputs.picture_size
-    objects = labelled_objects(inputs.estimated)
+    objects = config.landmarks or labelled_objects(inputs.estimated)
     pictures = np.empty((count, len(cameras), height, width, 3), dtype=np.uint8)
     points = np.empty((count, len(cameras), len(objects), 2))
     labels = []
@@ -154,7 +154,11 @@ def _random_frame(
 
 
 def _projected(
-    reader: TruthReader, camera: str, size: tuple[int, int], scene: SceneState, objects: list[str]
+    reader: TruthReader,
+    camera: str,
+    size: tuple[int, int],
+    scene: SceneState,
+    objects: Sequence[str],
 ) -> NDArray[np.float64]:
     """Return where objects are in a camera's picture (n, 2), as in :class:`Views`."""
     position, axes = reader.camera(camera)

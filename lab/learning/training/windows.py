@@ -57,6 +57,11 @@ class Spread(NamedTuple):
         white = rng.standard_normal((windows, frames, len(self.white))) * self.white
         return np.asarray(constant + white, dtype=np.float32)
 
+    @classmethod
+    def joined(cls, *parts: "Spread") -> "Spread":
+        """Return the noise on a vector that is made of several."""
+        return cls(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
 
 def observation_spread(processor: Processor, noise: NoiseConfig) -> Spread:
     """Return the noise on a policy's observation vectors."""
@@ -178,6 +183,16 @@ class Windows:
                 noise *= self._relative[self._within(frames)]
             batch.seen.add_(self._tensor(noise[part]))
         return batch
+
+    def in_balance(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return the frames whose gait is learned from, without noise, and the gait of each.
+
+        A frame (n,) is the observation vector and the true numbers of the scene that are estimated.
+        """
+        _, _, gait, counts = self._targets
+        parts = [self._observation, *([] if self._scene is None else [self._scene])]
+        frames = torch.cat([part[counts] for part in parts], dim=1)
+        return frames.cpu().numpy(), gait[counts].cpu().numpy()
 
     def whole(self, count: int) -> list[Batch]:
         """Return the episodes cut into windows without overlap, ``count`` in a batch, no noise."""

@@ -115,15 +115,15 @@ class PolicyNetwork(nn.Module, ABC):
             at: (k,) frames of which outputs are wanted, for instance a few random ones, since
                 the outputs of chunks cost more than the memory; None: all.
         """
-        x = torch.cat((observation, seen), dim=-1)
+        x = frames = torch.cat((observation, seen), dim=-1)
         if memory is None:
             memory = self.zero_memory(len(x))
         if self.lstm is not None:
             x, (hidden, cell) = self.lstm(x, (memory[0], memory[1]))
             memory = torch.stack((hidden, cell))
         if at is not None:
-            x = x[:, at]
-        return self.outputs(self.mlp(x)), memory
+            x, frames = x[:, at], frames[:, at]
+        return self.outputs(self.mlp(x)) | self.frame_outputs(frames), memory
 
     def look(self, pictures: Tensor) -> Tensor:
         """Return what the network sees in pictures, (b, t, m) features.
@@ -151,6 +151,14 @@ class PolicyNetwork(nn.Module, ABC):
     @abstractmethod
     def outputs(self, features: Tensor) -> Outputs:
         """Return the parameters of the distributions for features (b, t, n)."""
+
+    def frame_outputs(self, frames: Tensor) -> Outputs:
+        """Return those that depend on single frames (..., n), beside memory and MLP: none.
+
+        A frame is the observation vector and what :meth:`look` returns.
+        """
+        del frames
+        return {}
 
     @abstractmethod
     def terms(self, outputs: Outputs, targets: TargetBatch) -> Terms:

@@ -1,5 +1,7 @@
 """The network and the loss of TRILL."""
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import binary_cross_entropy_with_logits, cross_entropy
@@ -13,7 +15,7 @@ from services.policy.networks.policy import (
     mean_over,
 )
 from services.policy.processor.targets import GAITS
-from services.policy.trill.configuration import TrillConfig
+from services.policy.trill.configuration import GaitNetworkConfig, TrillConfig
 
 
 class TrillNetwork(PolicyNetwork):
@@ -29,19 +31,29 @@ class TrillNetwork(PolicyNetwork):
             given, steps * self._shape[1], config.mixture, deterministic=config.deterministic
         )
         self.grasp = nn.Linear(given, steps * 2)
-        self.trigger = None if config.categorical else nn.Linear(given, 1)
         # Without a trigger, no gait is one of the choices.
-        self.gait = nn.Linear(given, GAITS if config.categorical else GAITS - 1)
+        gaits = GAITS if config.categorical else GAITS - 1
+        self.trigger = self.gait = self.gait_network = None
+        if config.gait_network is not None:
+            self.gait_network = GaitNetwork(config.gait_network, config, gaits)
+        else:
+            self.trigger = None if config.categorical else nn.Linear(given, 1)
+            self.gait = nn.Linear(given, gaits)
 
     def outputs(self, features: Tensor) -> Outputs:
         """Return ``mean``, ``std``, ``mode``, and logits: ``grasp``, ``trigger``, ``gait``."""
         found: Outputs = self.hands(features) | {
-            "grasp": self.grasp(features).float().unflatten(-1, (-1, 2)),
-            "gait": self.gait(features).float(),
+            "grasp": self.grasp(features).float().unflatten(-1, (-1, 2))
         }
+        if self.gait is not None:
+            found["gait"] = self.gait(features).float()
         if self.trigger is not None:
             found["trigger"] = self.trigger(features).float().squeeze(-1)
         return found
+
+    def frame_outputs(self, frames: Tensor) -> Outputs:
+        """Return the logits ``trigger`` and ``gait`` if they have a network of their own."""
+        return {} if self.gait_network is None else self.gait_network(frames)
 
     def terms(self, outputs: Outputs, targets: TargetBatch) -> Terms:
         """Return ``hands``, ``grasp``, ``trigger`` and ``gait``, all in nats.
@@ -52,22 +64,10 @@ class TrillNetwork(PolicyNetwork):
         """
         hands = self.hands.loss(outputs, targets.hands.flatten(-2)) / self._shape[0]
         grasp = binary_cross_entropy_with_logits(outputs["grasp"], targets.grasp, reduction="none")
-        terms = {
+        return {
             "hands": mean_over(hands, targets.valid),
             "grasp": mean_over(grasp.mean((-2, -1)), targets.valid),
-        }
-        counts = targets.valid & targets.gait_counts
-        if "trigger" not in outputs:
-            return terms | {"gait": mean_over(_choice(outputs["gait"], targets.gait), counts)}
-        asked = targets.gait > 0
-        trigger = binary_cross_entropy_with_logits(
-            outputs["trigger"], asked.to(outputs["trigger"].dtype), reduction="none"
-        )
-        kind = _choice(outputs["gait"], (targets.gait - 1).clamp(min=0))
-        return terms | {
-            "trigger": mean_over(trigger, counts),
-            "gait": mean_over(kind, counts & asked),
-        }
+        } | gait_terms(outputs, targets.gait, targets.valid & targets.gait_counts)
 
     def decide(self, outputs: Outputs) -> DecisionBatch:
         """Return the mean of the likeliest mode and the probabilities of grippers and gaits."""
@@ -80,6 +80,60 @@ class TrillNetwork(PolicyNetwork):
             outputs["grasp"].sigmoid(),
             gait,
         )
+
+
+class GaitNetwork(nn.Module):
+    """Decides about gaits by single frames; see :class:`GaitNetworkConfig`."""
+
+    def __init__(self, config: GaitNetworkConfig, policy: TrillConfig, gaits: int) -> None:
+        """Make the layers.
+
+        Args:
+            config: of this network.
+            policy: of which it is a part.
+            gaits: number of choices among the gaits.
+        """
+        super().__init__()
+        # A choice among no gait and the gaits has no trigger.
+        self._split = [0 if policy.categorical else 1, gaits]
+        self._columns: list[int] = []
+        start = 0
+        for name, width in policy.inputs.parts.items():
+            if name in config.observes:
+                self._columns += range(start, start + width)
+            start += width
+        self._columns += range(start, start + len(policy.inputs.estimated))
+        layers: list[nn.Module] = []
+        for given, made in pairwise((len(self._columns), *config.layers)):
+            layers += [nn.Linear(given, made), nn.ReLU()]
+        self.layers = nn.Sequential(*layers, nn.Linear(config.layers[-1], sum(self._split)))
+
+    def forward(self, frames: Tensor) -> Outputs:
+        """Return the logits ``gait`` (..., gaits), and ``trigger`` (...) unless it is a choice.
+
+        Args:
+            frames: (..., n) observation vectors, and after them what is estimated of the scene.
+        """
+        trigger, gait = self.layers(frames[..., self._columns]).float().split(self._split, dim=-1)
+        return {"gait": gait} | ({"trigger": trigger.squeeze(-1)} if self._split[0] else {})
+
+
+def gait_terms(outputs: Outputs, gait: Tensor, counts: Tensor) -> Terms:
+    """Return the terms ``trigger``, unless the policy has none, and ``gait`` of the loss [nats].
+
+    Args:
+        outputs: logits ``trigger`` (...) and ``gait`` (..., gaits).
+        gait: (...) the gait to ask for; 0: none.
+        counts: (...) whether a frame is learned from.
+    """
+    if "trigger" not in outputs:
+        return {"gait": mean_over(_choice(outputs["gait"], gait), counts)}
+    asked = gait > 0
+    trigger = binary_cross_entropy_with_logits(
+        outputs["trigger"], asked.to(outputs["trigger"].dtype), reduction="none"
+    )
+    kind = _choice(outputs["gait"], (gait - 1).clamp(min=0))
+    return {"trigger": mean_over(trigger, counts), "gait": mean_over(kind, counts & asked)}
 
 
 def _choice(logits: Tensor, target: Tensor) -> Tensor:

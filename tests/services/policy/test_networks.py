@@ -13,6 +13,7 @@ from services.policy.configuration import (
     ResNetConfig,
 )
 from services.policy.kinds import CONFIGS, network
+from services.policy.trill.configuration import GaitNetworkConfig
 from tests.services.policy.made import SIZE, small
 
 torch = pytest.importorskip("torch", reason="needs the extra policy")
@@ -131,6 +132,38 @@ def test_what_a_recurrent_policy_saw_changes_what_it_does_and_a_reactive_one_for
             seen = policy.look(pictures)
             last = [policy(x, seen)[0]["mean"][:, -1] for x in (observation, other)]
         assert bool((last[0] == last[1]).all()) is not remembers
+
+
+def test_gaits_with_a_network_of_their_own_are_decided_by_this_frame_alone() -> None:
+    inputs_of = InputConfig(picture_size=SIZE, previous_setpoint=True, estimated=("ball.x",))
+    config = small("trill", inputs=inputs_of, gait_network=GaitNetworkConfig(layers=(8,)))
+    policy = made(config).eval()
+    observation, _ = inputs(config)
+    setpoint = list(config.inputs.parts).index("previous_setpoint")
+    first = sum([*config.inputs.parts.values()][:setpoint])
+
+    def decided(frame: int, column: int | None) -> tuple[Any, Any]:
+        """Return hands and gait of the last frame after a change in one frame."""
+        changed, seen = observation.clone(), torch.zeros(1, 6, 1)
+        if column is None:
+            seen[0, frame] = 3.0
+        else:
+            changed[0, frame, column] += 3.0
+        with torch.no_grad():
+            outputs, _ = policy(changed, seen, at=torch.tensor([5]))
+            hands, _, gait = policy.decide(outputs)
+            return hands, gait
+
+    hands, gait = decided(5, len(observation[0, 0]) - 1)
+    for frame, column, same in [
+        (2, first, True),
+        (5, 0, True),
+        (5, first, False),
+        (5, None, False),
+    ]:
+        other_hands, other_gait = decided(frame, column)
+        assert torch.equal(gait, other_gait) is same, (frame, column)
+        assert not torch.equal(hands, other_hands)
 
 
 def test_the_outputs_of_chosen_frames_are_those_of_all_frames() -> None:

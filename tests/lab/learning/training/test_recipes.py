@@ -3,10 +3,12 @@
 import pytest
 
 from common.errors import ConfigError
-from lab.learning.training.recipes import TASKS, recipe
+from lab.learning.training.recipes import TASKS, recipe, task_settings
+from lab.learning.training.truth import TruthReader
+from lab.learning.training.views import labelled_objects
 from services.policy.configuration import ChunkConfig, DifferenceConfig
 from services.policy.kinds import CONFIGS
-from services.policy.trill.configuration import TrillConfig
+from services.policy.trill.configuration import GaitNetworkConfig, TrillConfig
 from services.sim.tasks import all_tasks
 
 NAMES = ("lever_grip.x", "door_hinge")
@@ -28,6 +30,17 @@ def test_every_kind_has_every_recipe_and_profile(kind: str) -> None:
             assert policy.inputs.cameras == ("left", "right")
             assert isinstance(policy.actions, ChunkConfig) == (name == "chunks")
             assert policy.inputs.estimated == (NAMES if name == "chunks" else ())
+
+
+@pytest.mark.parametrize("task", ["door/walk", "bench/walk"])
+def test_a_task_of_walking_has_landmarks_and_a_network_for_the_gaits(task: str) -> None:
+    own = task_settings("trill", task)
+    policy, training = recipe("trill", "cpu", "chunks", "pictures", NAMES, own)
+    assert isinstance(policy, TrillConfig)
+    assert policy.gait_network == GaitNetworkConfig()
+    landmarks = list(training.views.landmarks)
+    assert landmarks
+    assert labelled_objects(TruthReader(task).names(training.views.landmarks)) == landmarks
 
 
 def test_inputs_decide_what_is_known_of_the_scene() -> None:
@@ -53,6 +66,6 @@ def test_an_unknown_setting_is_named() -> None:
 def test_what_a_task_needs_fits_every_kind_and_is_overruled_by_options(task: str) -> None:
     assert task in all_tasks()
     for kind in CONFIGS:
-        policy, training = recipe(kind, "cpu", "chunks", "blind", changes=TASKS[task])
+        policy, training = recipe(kind, "cpu", "chunks", "blind", changes=task_settings(kind, task))
         assert isinstance(policy.actions, ChunkConfig)
         assert training != recipe(kind, "cpu", "chunks", "blind").training

@@ -76,3 +76,13 @@ def test_the_lever_moves_in_the_pictures_as_its_label_says(
     order = np.argsort(views.labels[:, 1])
     assert np.all(np.diff(views.points[order, 0, 0, 0]) < 0.0)
     assert np.all(views.points[:, 0, 0, 0] > views.points[:, 1, 0, 0])
+
+
+def test_landmarks_are_seen_in_place_of_what_is_estimated(
+    demonstrations: list[Demonstration],
+) -> None:
+    estimated = rendered(demonstrations, ViewsConfig(), 0)
+    other = rendered(demonstrations, ViewsConfig(landmarks=("lever_grip", "leaf")), 0)
+    np.testing.assert_array_equal(other.labels, estimated.labels)
+    assert other.points.shape == (4, 2, 2, 2)
+    np.testing.assert_array_equal(other.points[:, :, :1], estimated.points)
