@@ -5,8 +5,9 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 ARGS ?=
+TASK ?= door/unlock
 
-.PHONY: help demo demo-policy drive top test suite study study-policies tasks links faults fuzz loaders mutants bench compare docs lint \
+.PHONY: help demo demo-policy drive top test suite study study-policies tasks links faults fuzz train-paper loaders mutants bench compare docs lint \
 	setup clean
 
 help: ## list the targets
@@ -39,6 +40,11 @@ study-policies: $(STAMP) ## train and evaluate the three kinds of policy on the 
 
 tasks: $(STAMP) ## run each scored task 25 times with the synthetic operator, under an hour
 	$(BIN)/python -m lab.studies.tasks run all --seeds 0:25 --jobs 2 --out runs/studies/tasks.jsonl $(ARGS)
+
+train-paper: $(STAMP) ## train the paper's network on a GPU, of TASK (door/unlock), in 6 minutes; rendering apart
+	$(BIN)/trill train $(TASK) --recipe paper --profile paper --device cuda --minutes 6 \
+		--set training.rate=0.0005 --set training.schedule=one-cycle --set training.clip=5 \
+		--set training.validate_every=1000 $(ARGS)
 
 links: $(STAMP) ## compare injected delays, requested and achieved, live and in simulated time
 	$(BIN)/python -m verification.links $(ARGS)

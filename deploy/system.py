@@ -150,18 +150,17 @@ def headset_process(*args: str) -> ProcessSpec:
     )
 
 
-def policy_process(checkpoint: Path, *, remote: bool = False) -> ProcessSpec:
+def policy_process(checkpoint: Path, *options: str) -> ProcessSpec:
     """Declare a policy that operates the robot whenever nobody else does.
 
     Args:
         checkpoint: its folder.
-        remote: an inference server computes; it is started apart.
+        options: of ``python -m services.policy``, for instance ``--remote``.
     """
-    where = ("--remote",) if remote else ()
     return ProcessSpec(
         "policy",
         "services.policy",
-        (str(checkpoint), "--stay", *where),
+        (str(checkpoint), "--stay", *options),
         restart=True,
         # A person may take the robot without it.
         essential=False,

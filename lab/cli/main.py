@@ -30,6 +30,7 @@ COMMANDS = (
     Command("tasks", "describe the scored tasks", "lab.cli.tasks:ACTION"),
     Command("collect", "collect demonstrations of a task", "lab.cli.collect:ACTION"),
     Command("train", "train a policy on demonstrations", "lab.cli.train:ACTION"),
+    Command("export-policy", "export a policy to ONNX", "lab.cli.export_policy:ACTION"),
     Command("dataset", "add recorded runs, export to lerobot …", "lab.cli.dataset:ACTION"),
     Command("eval", "evaluate a policy in a scored task", "lab.cli.eval:ACTION"),
     Command("study", "study latency, and compare policies", "lab.cli.study:ACTION"),

@@ -12,6 +12,8 @@ from common.tables import validated
 from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
+from services.policy.options import add_inference_options, inference_arguments
+from services.policy.runtimes.load import require_runtime
 
 if TYPE_CHECKING:
     from deploy.launch import RunResult
@@ -71,6 +73,7 @@ UP_EXAMPLES = """examples:
   trill up --task door/unlock --teleop web                open the link in a browser
   trill up --task door/unlock --policy runs/unlock/best
   python -m services.teleop keyboard           takes the robot from it by Enter, and gives it back
+  trill up --policy runs/unlock/best --runtime onnx        without torch; see trill export-policy
   trill up --policy runs/unlock/best --remote  a server computes: python -m services.policy.server
 """
 
@@ -110,6 +113,28 @@ def _add_system_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _add_policy_options(parser: argparse.ArgumentParser, what: str) -> None:
+    group = parser.add_argument_group("policy")
+    group.add_argument(
+        "--policy", type=Path, metavar="CHECKPOINT", help=f"folder of a policy, {what}"
+    )
+    add_inference_options(group)
+
+
+def _inference(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Return the options that say where and by what a policy is computed.
+
+    Raises:
+        ConfigError: there are some, and no policy, or the runtime is not installed.
+    """
+    found = inference_arguments(arguments)
+    if found and arguments.policy is None:
+        raise ConfigError(f"{found[0]} says how a policy is computed; give --policy too")
+    if "runtime" in arguments and "remote" not in arguments:
+        require_runtime(arguments.runtime)
+    return found
+
+
 def _demo_arguments(parser: argparse.ArgumentParser) -> None:
     _add_system_options(parser)
     parser.add_argument(
@@ -117,12 +142,7 @@ def _demo_arguments(parser: argparse.ArgumentParser) -> None:
         help="script of the operator: demo, stand, gaits, random or a JSON file of steps "
         "(default: demo; none with --task)",
     )
-    parser.add_argument(
-        "--policy",
-        type=Path,
-        metavar="CHECKPOINT",
-        help="folder of a policy, which does the task (default: the one it has learned)",
-    )
+    _add_policy_options(parser, "which does the task (default: the one it has learned)")
     parser.add_argument(
         "--seconds", type=float, help="end this long after the controller was first heard [s]"
     )
@@ -175,6 +195,7 @@ def _demo(arguments: argparse.Namespace) -> int:
             system=_system_options(arguments, restart=False),
             script=arguments.script,
             policy=arguments.policy,
+            inference=_inference(arguments),
             seconds=arguments.seconds,
             timeout=arguments.timeout,
             base_port=arguments.base_port,
@@ -205,15 +226,7 @@ def _up_arguments(parser: argparse.ArgumentParser) -> None:
         choices=["web", "lan"],
         help="serve the operator's page: web to this machine, lan to the whole network",
     )
-    parser.add_argument(
-        "--policy",
-        type=Path,
-        metavar="CHECKPOINT",
-        help="folder of a policy that operates the robot whenever nobody else does",
-    )
-    parser.add_argument(
-        "--remote", action="store_true", help="of the policy: an inference server computes"
-    )
+    _add_policy_options(parser, "which operates the robot whenever nobody else does")
 
 
 def _prepare_policy(arguments: argparse.Namespace) -> None:
@@ -260,13 +273,12 @@ def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
     """
     from deploy.system import policy_process
 
+    options = _inference(arguments)
     if arguments.policy is None:
-        if arguments.remote:
-            raise ConfigError("--remote says where a policy computes; give --policy too")
         return []
     # Before anything is started.
     _checkpoint(arguments)
-    return [policy_process(arguments.policy.resolve(), remote=arguments.remote)]
+    return [policy_process(arguments.policy.resolve(), *options)]
 
 
 def _pages(arguments: argparse.Namespace) -> "list[ProcessSpec]":

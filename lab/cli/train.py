@@ -45,6 +45,7 @@ EXAMPLES = f"""examples:
   trill train door/unlock                                from pictures, for a processor core
   trill train door/unlock --inputs scene                 told the scene by the simulator
   trill train door/unlock --recipe paper --profile paper --device cuda
+  torchrun --nproc-per-node 2 -m lab.cli train door/unlock --device cuda      on two GPUs
   trill train door/unlock --policy bc --recipe paper --minutes 5
   trill train door/unlock --recipe paper --set policy.inputs.joint_state=false
   trill train door/unlock --data {DATASETS}/late --out {POLICIES}/late

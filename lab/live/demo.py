@@ -30,6 +30,7 @@ class DemoOptions:
         script: built-in name or JSON file of the operator's script; None for the synthetic
             operator if the system has a task, and for :data:`DEMONSTRATION` if not.
         policy: checkpoint that does the system's task in place of the synthetic operator.
+        inference: options of ``python -m services.policy``: where and by what it is computed.
         seconds: end after this time from the controller's first message [s]: a script counts as
             completed then, a task as timed out. None: go on to the end.
         timeout: give up after this time from the start [s].
@@ -40,6 +41,7 @@ class DemoOptions:
     system: SystemOptions = field(default_factory=SystemOptions)
     script: str | None = None
     policy: Path | None = None
+    inference: tuple[str, ...] = ()
     seconds: float | None = None
     timeout: float = 600.0
     base_port: int | None = None
@@ -135,7 +137,7 @@ def _operator_and_judge(options: DemoOptions) -> tuple[ProcessSpec, ScriptJudge 
     task, limits = options.system.task, (OPERATOR, options.seconds, options.timeout)
     if options.policy is not None:
         # A policy that fails is to be seen, not to be started again.
-        policy = replace(policy_process(options.policy), restart=False)
+        policy = replace(policy_process(options.policy, *options.inference), restart=False)
         return policy, TaskJudge(policy.name, *limits[1:])
     if task is not None and options.script is None:
         seed = str(options.system.seed or 0)

@@ -4,12 +4,12 @@ import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from common.packages import require
 from common.runtime.live.components import Component
 from common.runtime.live.main import OptionFormatter, run_live
 from common.runtime.service import Service
 from common.tables import validated
 from services.policy.checkpoint.manifest import describe
+from services.policy.options import add_inference_options
 from services.policy.service import PolicyConfig, PolicyOperator
 from services.policy.serving.remote import RemoteEngine
 
@@ -20,6 +20,7 @@ the robot is then, when it is given back. Without pictures or answers the hands 
 keeps its balance."""
 EXAMPLES = """examples:
   python -m services.policy runs/unlock/best                 beside `trill up --task door/unlock`
+  python -m services.policy runs/unlock/best --runtime onnx  without torch; see trill export-policy
   python -m services.policy runs/unlock/best --remote        a server computes, without torch here:
   python -m services.policy.server runs/unlock/best --device cuda --mode client --host robot
 """
@@ -42,11 +43,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="folder that training wrote (default: the configuration's)",
     )
     group.add_argument("--kind", help="refuse a checkpoint of another kind of policy")
-    group.add_argument(
-        "--remote", action="store_true", help="let an inference server compute, see the examples"
-    )
-    group.add_argument("--device", help="of torch in this process: cpu, cuda (cpu)")
-    group.add_argument("--threads", type=int, help="of torch in this process (1)")
+    add_inference_options(group)
     group.add_argument(
         "--execute", type=int, help="steps of a chunk carried out before the next one (5)"
     )
@@ -65,14 +62,13 @@ def build(arguments: argparse.Namespace) -> PolicyOperator:
     """Build the service: options override the file's ``[policy]`` table.
 
     Raises:
-        ConfigError: an option is wrong, or torch is not installed.
+        ConfigError: an option is wrong, or the runtime is not installed.
         CheckpointError: the checkpoint cannot be served.
     """
     given = vars(arguments)
     options = {name: given[name] for name in _OPTIONS & given.keys() if given[name] is not None}
     config = validated(PolicyConfig, arguments.settings, options)
     if not config.remote:
-        require("services.policy", "policy", "torch", "safetensors")
         return PolicyOperator(config)
     description = describe(config.checkpoint, config.kind)
     return PolicyOperator(config, RemoteEngine(description, config.answer_timeout), description)

@@ -12,19 +12,18 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from common.packages import imports_of
 from common.program import run_program
 from common.runtime.live.main import OptionFormatter
+from common.tables import validated
 from common.transport.config import BusConfig, bus_of
 from common.transport.options import add_bus_options
 from common.transport.session import open_session
 from services.policy.checkpoint.manifest import Description
+from services.policy.options import add_runtime_options
+from services.policy.runtimes.load import load_runtime
 from services.policy.serving.config import PolicyConfig
 from services.policy.serving.engine import Runtime
 from services.policy.serving.inference import InferenceServer
-
-with imports_of("services.policy.server", "policy"):
-    from services.policy.networks.runtime import load_runtime
 
 NAME = "inference"
 REPORT_S = 10.0
@@ -36,6 +35,7 @@ server keeps nothing, so that it may be killed, started again, moved or run twic
 robot's hands hold and it keeps its balance."""
 EXAMPLES = """examples:
   python -m services.policy.server runs/unlock/best                       on the robot's host
+  python -m services.policy.server runs/unlock/best --runtime openvino    computes without torch
   python -m services.policy.server best --device cuda --mode client --host robot
 """
 
@@ -50,8 +50,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=_Formatter,
     )
     parser.add_argument("checkpoint", type=Path, help="folder that training wrote")
-    parser.add_argument("--device", default="cpu", help="of torch: cpu, cuda, cuda:1")
-    parser.add_argument("--threads", type=int, default=1, help="of torch on the CPU")
+    add_runtime_options(parser)
     group = parser.add_argument_group("bus")
     add_bus_options(group)
     group.add_argument("--robot", help="whose policy to serve (default: draco3) [TRILL_ROBOT]")
@@ -112,16 +111,13 @@ def main(argv: list[str] | None = None) -> int:
     def work() -> int:
         given = {name: getattr(arguments, name) for name in _BUS_OPTIONS}
         bus = bus_of(arguments.config, **given)
-        runtime, description = load_runtime(
-            arguments.checkpoint, device=arguments.device, threads=arguments.threads
-        )
-        config = PolicyConfig(checkpoint=arguments.checkpoint)
-        runtime.warm_up(max(1, config.window_of(description.manifest.policy)))
-        return _serve(bus, runtime, description)
+        chosen = {name: given for name, given in vars(arguments).items() if name in _OPTIONS}
+        return _serve(bus, *load_runtime(validated(PolicyConfig, chosen)))
 
     return run_program(NAME, work)
 
 
+_OPTIONS = frozenset(PolicyConfig.model_fields)
 _BUS_OPTIONS = ("robot", "mode", "host", "base_port", "connect", "listen")
 
 if __name__ == "__main__":

@@ -35,6 +35,7 @@ from common.topics import (
 )
 from services.policy.checkpoint.manifest import Description, describe
 from services.policy.processor.actions import Command
+from services.policy.runtimes.load import load_runtime
 from services.policy.serving.config import PolicyConfig
 from services.policy.serving.engine import Engine, LocalEngine
 from services.policy.serving.observer import TOPICS
@@ -81,12 +82,13 @@ class PolicyOperator(Service):
 
         Args:
             config: what to run, and how.
-            engine: computes the answers; None: torch in this process.
+            engine: computes the answers; None: the configured runtime, in this process.
             description: of the checkpoint; None: it is read.
 
         Raises:
             CheckpointError: the checkpoint cannot be served.
-            PolicyError: torch cannot run it on the device that is configured.
+            ConfigError: the runtime that is configured is not installed.
+            PolicyError: it cannot run the policy on the device that is configured.
         """
         self.config = config
         if engine is None:
@@ -216,17 +218,13 @@ def _as_target(setpoint: Setpoint) -> Target:
 
 
 def local_engine(config: PolicyConfig) -> tuple[Engine, Description]:
-    """Return an engine that computes with torch in this process, warmed up.
+    """Return an engine that computes in this process, warmed up.
 
     Raises:
+        ConfigError: the runtime that is configured is not installed.
         CheckpointError: the checkpoint cannot be served.
         PolicyError: the device that is configured is not there.
     """
-    from services.policy.networks.runtime import load_runtime
-
-    runtime, description = load_runtime(
-        config.checkpoint, config.kind, config.device, config.threads
-    )
-    runtime.warm_up(max(1, config.window_of(description.manifest.policy)))
+    runtime, description = load_runtime(config)
     policy = description.manifest.policy
     return LocalEngine(runtime, config.inference_steps_of(policy)), description

@@ -212,7 +212,7 @@ def _robot() -> Iterator[Robot]:
         folder, options = Path(name), SystemOptions(cameras=False, record=False, restart=True)
         checkpoint = random_policy(folder / "policy")
         specs = [replace(s, max_restarts=1000) for s in robot_processes(options, folder)]
-        specs.append(policy_process(checkpoint, remote=True))
+        specs.append(policy_process(checkpoint, "--remote"))
         bus = BusConfig(base_port=port)
         supervisor = stack.enter_context(Supervisor(specs, folder, environment(bus, None)))
         schemas = {t.name: t.schema for t in (PLANT_STATUS, POLICY_STATE, TELEOP_SETPOINT)}

@@ -48,13 +48,13 @@ def train_gaits(
         for group in optimiser.param_groups:
             group["lr"] = learning_rate(schedule, step / settings.steps)
         optimiser.zero_grad()
-        loss = torch.stack([*_terms(gaits, seen, wanted[chosen]).values()]).sum()
+        loss = sum(term.value for term in _terms(gaits, seen, wanted[chosen]).values())
         loss.backward()
         optimiser.step()
         report(step + 1, float(loss.detach()))
     with torch.inference_mode():
         terms = _terms(gaits, *held_out.in_balance())
-    return {name: float(term) for name, term in terms.items()}
+    return {name: float(term.value) for name, term in terms.items()}
 
 
 def _terms(gaits: GaitNetwork, frames: NDArray[np.float32], wanted: NDArray[np.int64]) -> Terms:

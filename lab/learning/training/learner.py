@@ -11,11 +11,13 @@ from torch import Tensor, nn
 
 from lab.errors import TrainingError
 from lab.learning.training.config import TrainingConfig
+from lab.learning.training.processes import Processes
 from lab.learning.training.windows import Batch
-from services.policy.networks.policy import PolicyNetwork
+from services.policy.networks.policy import Mean, PolicyNetwork, Terms
 
 Metrics = dict[str, float]
 """Terms of the loss by name, their weighted sum ``loss``, and of a step the ``gradient``'s norm."""
+_ALONE = Processes()
 _BEGIN, _END, _PEAK = 1 / 25, 1e-5, 0.3
 """Of the one-cycle schedule: first and last rate in units of the largest, and when that is."""
 
@@ -48,6 +50,19 @@ def mixed_precision(config: TrainingConfig, device: torch.device) -> bool:
     return amx is not None and bool(amx())
 
 
+class _TermsOf(nn.Module):
+    """From a batch to the terms of the loss, as one module that processes can share."""
+
+    def __init__(self, network: PolicyNetwork) -> None:
+        super().__init__()
+        self.network = network
+
+    def forward(self, batch: Batch) -> Terms:
+        seen = self.network.look(batch.pictures) if batch.seen is None else batch.seen
+        outputs, _ = self.network(batch.observation, seen, at=batch.at)
+        return self.network.terms(outputs, batch.targets)
+
+
 class Learner:
     """A network and its optimiser.
 
@@ -58,15 +73,32 @@ class Learner:
     """
 
     def __init__(
-        self, network: PolicyNetwork, config: TrainingConfig, device: torch.device
+        self,
+        network: PolicyNetwork,
+        config: TrainingConfig,
+        device: torch.device,
+        processes: Processes = _ALONE,
     ) -> None:
-        """Begin; parameters that need no gradient stay as they are."""
+        """Begin; parameters that need no gradient stay as they are.
+
+        Of several processes the gradients and terms are those of the whole batch. So are the
+        statistics of batch normalisations on GPUs; on processors torch does not share them, and
+        each process takes those of its part.
+        """
+        cuda, together = device.type == "cuda", processes.count > 1
+        if cuda and together:
+            network = nn.SyncBatchNorm.convert_sync_batchnorm(network)
         self.network = network.to(device)
-        self._config, self._device = config, device
+        self._config, self._device, self._processes = config, device, processes
         self._mixed = mixed_precision(config, device)
+        # All batches are of one size.
+        torch.backends.cudnn.benchmark = cuda
+        self._terms_of: nn.Module = _TermsOf(self.network)
+        if together:
+            self._terms_of = nn.parallel.DistributedDataParallel(self._terms_of)
         learning = [p for p in self.network.parameters() if p.requires_grad]
         self.optimiser = torch.optim.AdamW(
-            learning, lr=config.rate, weight_decay=config.weight_decay
+            learning, lr=config.rate, weight_decay=config.weight_decay, fused=cuda
         )
         self.averaged = deepcopy(self.network) if config.average else self.network
 
@@ -81,7 +113,7 @@ class Learner:
             group["lr"] = learning_rate(self._config, progress)
         self.optimiser.zero_grad()
         with self._precision():
-            terms = self._terms(self.network, batch.to(self._device))
+            terms = self._of_all(self._terms_of(batch))
             loss = self.network.loss(terms)
         loss.backward()
         parameters = self.optimiser.param_groups[0]["params"]
@@ -95,25 +127,29 @@ class Learner:
         self.optimiser.step()
         if self._config.average:
             self._follow()
-        return _numbers(terms, loss) | {"gradient": float(norm)}
+        # Each process has its part of these, times their number.
+        numbers = self._processes.sum(_numbers(terms, loss)) / self._processes.count
+        return _metrics(terms, numbers) | {"gradient": float(norm)}
 
     def validate(self, batches: Iterable[Batch]) -> Metrics:
-        """Return the terms of the loss of the averaged network, as means over the batches."""
+        """Return the terms of the loss of the averaged network, as means over all batches."""
         self.averaged.eval()
-        total: Metrics = {}
-        weight = 0
+        found: Terms = {}
         with torch.inference_mode(), self._precision():
             for batch in batches:
-                terms = self._terms(self.averaged, batch.to(self._device))
-                count = int(batch.targets.valid.sum())
-                for name, value in _numbers(terms, self.averaged.loss(terms)).items():
-                    total[name] = total.get(name, 0.0) + count * value
-                weight += count
-        return {name: value / weight for name, value in total.items()}
+                for name, term in _TermsOf(self.averaged)(batch).items():
+                    so_far = found.get(name, Mean(torch.zeros(()), torch.zeros(())))
+                    found[name] = Mean(so_far.total + term.total, so_far.count + term.count)
+            return _metrics(found, _numbers(found, self.averaged.loss(found)))
 
-    def _terms(self, network: PolicyNetwork, batch: Batch) -> dict[str, Tensor]:
-        outputs, _ = network(batch.observation, batch.pictures, at=batch.at, seen=batch.seen)
-        return network.terms(outputs, batch.targets)
+    def _of_all(self, terms: Terms) -> Terms:
+        """Return terms whose gradients, averaged over the processes, are the whole batch's."""
+        processes = self._processes
+        counts = processes.sum(torch.stack([term.count for term in terms.values()]))
+        return {
+            name: Mean(processes.count * term.total, count)
+            for (name, term), count in zip(terms.items(), counts, strict=True)
+        }
 
     def _precision(self) -> AbstractContextManager[Any]:
         mixed = torch.autocast(self._device.type, dtype=torch.bfloat16)
@@ -130,5 +166,10 @@ class Learner:
                     mean.copy_(now[name])
 
 
-def _numbers(terms: dict[str, Tensor], loss: Tensor) -> Metrics:
-    return {name: float(term.detach()) for name, term in (terms | {"loss": loss}).items()}
+def _numbers(terms: Terms, loss: Tensor) -> Tensor:
+    return torch.stack([*(term.value.detach() for term in terms.values()), loss.detach()])
+
+
+def _metrics(terms: Terms, numbers: Tensor) -> Metrics:
+    # Of a GPU one waits for all of them once.
+    return dict(zip((*terms, "loss"), numbers.tolist(), strict=True))

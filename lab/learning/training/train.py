@@ -1,7 +1,9 @@
 """Trains a policy on a data set: from episodes to a checkpoint that can be served."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +27,10 @@ from lab.learning.training.gaits import train_gaits
 from lab.learning.training.learner import Learner
 from lab.learning.training.loop import part_done, run_steps
 from lab.learning.training.pictures import read_pictures
+from lab.learning.training.processes import Processes, together
 from lab.learning.training.recipes import Recipe
 from lab.learning.training.truth import TRUTH, TruthReader
-from lab.learning.training.views import Views, render_views
+from lab.learning.training.views import Views, render_views, rendered
 from lab.learning.training.windows import Spread, Windows, observation_spread
 from lab.progress import ProgressBar
 from lab.trials.folder import disk_errors, locked_folder
@@ -68,13 +71,20 @@ class Job:
 def train(job: Job) -> Progress:
     """Train, or go on with a training that was stopped; return how far it is.
 
+    Started by ``torchrun``, its processes train one policy together.
+
     Raises:
         TrainingError: the data set does not fit, the folder has another training, or the loss is
             no number any more.
         EpisodeError: an episode is damaged.
         ProcessorError: the data set lacks what the policy observes.
-        RenderingUnavailableError: views are to be rendered, and there is no off-screen OpenGL.
+        RenderingUnavailableError: pictures are to be rendered, and there is no off-screen OpenGL.
     """
+    with together(job.device) as (processes, device):
+        return _train(replace(job, device=device), processes)
+
+
+def _train(job: Job, processes: Processes) -> Progress:
     policy, config = job.recipe
     files = sum(job.episodes or len(episode_files(root)) for root in job.data)
     with ProgressBar("reading", files) as bar:
@@ -85,10 +95,12 @@ def train(job: Job) -> Progress:
             count=job.episodes,
             advance=bar.advance,
         )
-        bar.say(f"learning from {in_words(demonstrations)}")
+        if processes.first:
+            bar.say(f"learning from {in_words(demonstrations)}")
     folder, digest = TrainingFolder(job.out), digest_of(demonstrations)
-    with locked_folder(job.out, TrainingError):
-        folder.begin(TrainingFile.of(job.task, digest, policy, config))
+    with locked_folder(job.out, TrainingError) if processes.first else nullcontext():
+        with processes.in_turn():
+            folder.begin(TrainingFile.of(job.task, digest, policy, config))
         if part_done(config, there := folder.progress()) >= 1.0:
             return there
         learned, held_out = divide(demonstrations, config.held_out, config.seed)
@@ -99,16 +111,17 @@ def train(job: Job) -> Progress:
         errors = scene = None
         if policy.inputs.estimated:
             key = estimator_key(job.task, digest, policy, config, job.device)
-            errors = _estimate(job, folder, key, network, processor, (learned, held_out))
+            with processes.in_turn():
+                errors = _estimate(job, folder, key, network, processor, (learned, held_out))
             constant = config.noise.estimate * errors.overall
             scene = Spread(constant, 0.5 * constant)
         windows = (
-            _windows(job, processor, learned, errors),
-            _windows(job, processor, held_out, errors),
+            _windows(job, processor, learned, errors, f"learned-{processes.rank}"),
+            _windows(job, processor, held_out, errors, f"held-out-{processes.rank}"),
         )
         spreads = observation_spread(processor, config.noise), scene
         _learn_gaits(job, network, windows, spreads)
-        learner = Learner(network, config, job.device)
+        learner = Learner(network, config, job.device, processes)
         origin = _origin(job.task, demonstrations, len({d.path for d in learned}))
         return run_steps(
             learner,
@@ -117,6 +130,7 @@ def train(job: Job) -> Progress:
             windows,
             spreads,
             lambda progress: folder.save_checkpoint(learner.averaged, processor, origin, progress),
+            processes,
         )
 
 
@@ -146,18 +160,21 @@ def _windows(
     processor: Processor,
     demonstrations: Sequence[Demonstration],
     errors: EstimationErrors | None,
+    name: str,
 ) -> Windows:
     """Return the windows of demonstrations, with pictures if the network is to look at them."""
     inputs = processor.inputs
     pictures = np.empty((sum(d.frames for d in demonstrations), 0, 1, 1, 3), dtype=np.uint8)
     if inputs.cameras and not inputs.estimated:
+        path = job.out / f"pictures-{name}.npy"
+        render = partial(rendered, TruthReader(job.task), inputs.cameras, CAMERA_SIZE)
         with (
             disk_errors(job.out, TrainingError),
             ProgressBar("pictures", len(demonstrations)) as bar,
         ):
-            pictures = read_pictures(demonstrations, inputs, job.out, bar.advance)
+            pictures = read_pictures(demonstrations, inputs, path, render, bar.advance)
     arrays = [d.arrays for d in demonstrations]
-    return Windows(processor, arrays, pictures, job.recipe.training, errors)
+    return Windows(processor, arrays, pictures, job.recipe.training, errors, job.device)
 
 
 def _estimate(

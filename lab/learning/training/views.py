@@ -4,7 +4,7 @@ The labels come free from the simulator; a real robot has none, so this is for s
 networks that are to be tuned on real pictures afterwards.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from math import radians, tan
 from typing import Any, NamedTuple
 
@@ -17,9 +17,10 @@ from common.robot.pose import Pose
 from common.robot.rotations import multiply, quaternion_from_rotation_vector, rotate_about_z
 from common.schemas import PlantState, SceneState
 from common.schemas.arrays import Float64Array as Array
+from lab.errors import TrainingError
 from lab.learning.training.config import ViewsConfig
 from lab.learning.training.demonstrations import Demonstration
-from lab.learning.training.truth import TruthReader
+from lab.learning.training.truth import TRUTH, TruthReader
 from services.policy.configuration import InputConfig
 from services.policy.processor.pictures import Picture, scale_picture
 from services.sim.rendering.cameras import CameraConfig, StereoRenderer
@@ -88,6 +89,35 @@ def render_views(
     finally:
         renderer.close()
     return Views(pictures, np.array(labels), points)
+
+
+def rendered(
+    reader: TruthReader, cameras: Sequence[str], size: tuple[int, int], shown: Demonstration
+) -> Iterator[list[Picture]]:
+    """Yield the pictures of each frame of a demonstration, rendered from its ground truth.
+
+    Args:
+        reader: poses robot and scene.
+        cameras: of the robot.
+        size: width and height of the pictures [pixels].
+        shown: the demonstration.
+
+    Raises:
+        TrainingError: it has no ground truth.
+        RenderingUnavailableError: there is no off-screen OpenGL.
+    """
+    if not shown.arrays[TRUTH[-1]].size:
+        raise TrainingError(
+            f"{shown.path} has neither pictures nor ground truth, by which they could be rendered; "
+            "collect with pictures, or train with --inputs blind"
+        )
+    renderer = StereoRenderer(CameraConfig(scene=reader.scene, width=size[0], height=size[1]))
+    try:
+        for frame in range(shown.frames):
+            state, scene = reader.at(shown.arrays, frame)
+            yield renderer.render(state, cameras, scene)
+    finally:
+        renderer.close()
 
 
 def _posed(

@@ -16,9 +16,10 @@ from services.policy.networks.policy import TargetBatch
 from services.policy.processor.actions import moving
 from services.policy.processor.pictures import Picture
 from services.policy.processor.processor import ESTIMATED, Processor
-from services.policy.processor.targets import Targets
 
 Array = NDArray[Any]
+_CPU = torch.device("cpu")
+_ALL = slice(None)
 
 
 class Batch(NamedTuple):
@@ -37,13 +38,6 @@ class Batch(NamedTuple):
     seen: Tensor | None
     targets: TargetBatch
     at: Tensor
-
-    def to(self, device: torch.device) -> "Batch":
-        """Return the batch on a device."""
-        seen = None if self.seen is None else self.seen.to(device)
-        targets = TargetBatch._make(part.to(device) for part in self.targets)
-        observation, pictures = self.observation.to(device), self.pictures.to(device)
-        return Batch(observation, pictures, seen, targets, self.at.to(device))
 
 
 class Spread(NamedTuple):
@@ -117,7 +111,8 @@ class Windows:
     """All windows of some demonstrations.
 
     A window may begin in any frame. Beyond the end of its episode the last frame is repeated, and
-    does not count.
+    does not count. All of them are on the device, so that nothing but numbers of frames, and noise,
+    is copied in a step.
     """
 
     def __init__(
@@ -127,6 +122,7 @@ class Windows:
         pictures: Picture,
         config: TrainingConfig,
         errors: EstimationErrors | None = None,
+        device: torch.device = _CPU,
     ) -> None:
         """Prepare observations and targets.
 
@@ -136,11 +132,15 @@ class Windows:
             pictures: (frames, cameras, height, width, 3) of all of them, in order.
             config: of training.
             errors: of the estimates that the true numbers of the scene stand for.
+            device: on which batches are made.
         """
-        self._config, self._pictures = config, pictures
-        self._observation = np.concatenate([processor.episode(arrays) for arrays in episodes])
+        self._config, self._device = config, device
+        self._pictures = self._tensor(pictures)
+        observation = np.concatenate([processor.episode(arrays) for arrays in episodes])
+        self._observation = self._tensor(observation)
         found = [processor.targets(arrays) for arrays in episodes]
-        self._targets = Targets._make(np.concatenate(parts) for parts in zip(*found, strict=True))
+        columns = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        self._targets = [self._tensor(column) for column in columns]
         lengths = [len(targets.gait) for targets in found]
         self._last = np.repeat(np.cumsum(lengths) - 1, lengths)
         self._first = np.cumsum([0, *lengths[:-1]])
@@ -149,13 +149,13 @@ class Windows:
         helped = np.concatenate([np.asarray(arrays["intervention"]) for arrays in episodes])
         self._kinds = [np.flatnonzero(helped), np.flatnonzero(~helped)]
         """Frames of interventions, and all others."""
-        self._scene = None
+        self._scene = self._relative = None
         if processor.scene is not None:
             shown = np.concatenate([np.asarray(arrays[ESTIMATED]) for arrays in episodes])
-            self._scene = processor.scene.normalise(shown)
-        self._relative = None
-        if errors is not None and self._scene is not None:
-            self._relative = errors.near(self._scene) / errors.overall
+            scene = processor.scene.normalise(shown)
+            self._scene = self._tensor(scene)
+            if errors is not None:
+                self._relative = errors.near(scene) / errors.overall
 
     def __len__(self) -> int:
         return len(self._last)
@@ -166,20 +166,22 @@ class Windows:
         count: int,
         observation: Spread,
         scene: Spread | None = None,
+        part: slice = _ALL,
     ) -> Batch:
-        """Return ``count`` random windows with noise on what is observed."""
+        """Return ``count`` random windows with noise on what is observed, or a part of them."""
         config = self._config
         frames = self._starts(rng, count)[:, None] + self._steps(rng, count)
         kept = config.loss_frames or config.window
         at = np.sort(rng.permutation(config.window)[:kept])
-        batch = self._batch(frames, at, rng if config.shift else None)
-        shape = count, config.window
-        batch.observation.add_(torch.from_numpy(observation.draw(rng, *shape)))
+        most, shape = config.shift, (count, config.window)
+        moves = rng.integers(-most, most + 1, size=(count, 2))[part] if most else None
+        batch = self._batch(frames[part], at, moves)
+        batch.observation.add_(self._tensor(observation.draw(rng, *shape)[part]))
         if batch.seen is not None and scene is not None:
             noise = scene.draw(rng, *shape)
             if self._relative is not None:
                 noise *= self._relative[self._within(frames)]
-            batch.seen.add_(torch.from_numpy(noise))
+            batch.seen.add_(self._tensor(noise[part]))
         return batch
 
     def in_balance(self) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
@@ -187,10 +189,10 @@ class Windows:
 
         A frame (n,) is the observation vector and the true numbers of the scene that are estimated.
         """
-        chosen = np.flatnonzero(self._targets.gait_counts)
+        _, _, gait, counts = self._targets
         parts = [self._observation, *([] if self._scene is None else [self._scene])]
-        frames = np.concatenate([part[chosen] for part in parts], axis=1)
-        return frames, self._targets.gait[chosen]
+        frames = torch.cat([part[counts] for part in parts], dim=1)
+        return frames.cpu().numpy(), gait[counts].cpu().numpy()
 
     def whole(self, count: int) -> list[Batch]:
         """Return the episodes cut into windows without overlap, ``count`` in a batch, no noise."""
@@ -236,34 +238,31 @@ class Windows:
         found: Array = np.minimum(frames, self._last[frames[:, :1]])
         return found
 
-    def _batch(self, frames: Array, at: Array, shifting: np.random.Generator | None) -> Batch:
+    def _batch(self, frames: Array, at: Array, moves: Array | None) -> Batch:
         valid = frames <= self._last[frames[:, :1]]
-        frames = self._within(frames)
-        counted = frames[:, at]
-        parts = [*(part[counted] for part in self._targets), valid[:, at]]
-        targets = TargetBatch._make(torch.from_numpy(part) for part in parts)
-        pictures = self._pictures[frames]
-        if shifting is not None:
-            pictures = shifted(pictures, shifting, self._config.shift)
-        seen = None if self._scene is None else torch.from_numpy(self._scene[frames])
-        return Batch(
-            torch.from_numpy(self._observation[frames]),
-            torch.from_numpy(pictures),
-            seen,
-            targets,
-            torch.from_numpy(at),
-        )
+        index = self._tensor(self._within(frames))
+        counted = index[:, at]
+        counts = self._tensor(valid[:, at])
+        targets = TargetBatch._make([*(column[counted] for column in self._targets), counts])
+        pictures = self._pictures[index]
+        if moves is not None:
+            pictures = shifted(pictures, moves)
+        seen = None if self._scene is None else self._scene[index]
+        return Batch(self._observation[index], pictures, seen, targets, self._tensor(at))
+
+    def _tensor(self, array: Array) -> Tensor:
+        return torch.from_numpy(array).to(self._device)
 
 
-def shifted(pictures: Picture, rng: np.random.Generator, most: int) -> Picture:
-    """Return windows of pictures (b, t, cameras, h, w, 3), each shifted by up to ``most`` pixels.
+def shifted(pictures: Tensor, moves: Array) -> Tensor:
+    """Return windows of pictures (b, t, cameras, h, w, 3), each shifted by (b, 2) pixels.
 
-    All pictures of a window are shifted alike: disparity between the eyes is distance, and motion
-    between frames is motion. Edges are repeated.
+    All pictures of a window are shifted alike, down and to the right: disparity between the eyes is
+    distance, and motion between frames is motion. Edges are repeated.
     """
     height, width = pictures.shape[3:5]
-    moved = np.empty_like(pictures)
-    for i, (down, right) in enumerate(rng.integers(-most, most + 1, size=(len(pictures), 2))):
+    moved = torch.empty_like(pictures)
+    for i, (down, right) in enumerate(moves):
         rows = np.clip(np.arange(height) + down, 0, height - 1)
         columns = np.clip(np.arange(width) + right, 0, width - 1)
         moved[i] = pictures[i][:, :, rows][:, :, :, columns]

@@ -58,9 +58,14 @@ class SpatialSoftmax(nn.Module):
     def of(heat: Tensor) -> Tensor:
         """Return the points of the logarithms that :meth:`heat` returns."""
         heat = heat.exp()
-        x = torch.linspace(-1.0, 1.0, heat.shape[3], device=heat.device)
-        y = torch.linspace(-1.0, 1.0, heat.shape[2], device=heat.device)
+        x, y = _axis(heat.shape[3], heat), _axis(heat.shape[2], heat)
         return torch.cat(((heat.sum(2) * x).sum(2), (heat.sum(3) * y).sum(2)), dim=1)
+
+
+def _axis(count: int, like: Tensor) -> Tensor:
+    """Return ``count`` numbers from -1 to 1; ``torch.linspace`` is exported to ONNX in 64 bits."""
+    numbers = torch.arange(count, dtype=like.dtype, device=like.device)
+    return numbers * (2.0 / max(count - 1, 1)) - 1.0
 
 
 class Encoder(nn.Module):

@@ -1,5 +1,7 @@
 """The flat output of the baselines: everything a set-point has is one vector of numbers."""
 
+from math import sqrt
+
 import torch
 from torch import Tensor
 
@@ -72,16 +74,15 @@ def _gaits(outputs: Outputs, regressed: Tensor) -> Tensor:
         regressed: (...) that number; without a mixture it is certain.
     """
     # Halfway between the numbers of neighbouring gaits; beyond the first and last there is none.
-    edges = (2.0 * torch.arange(1, GAITS, device=regressed.device) - 1.0) / (GAITS - 1) - 1.0
+    numbers = torch.arange(1, GAITS, dtype=regressed.dtype, device=regressed.device)
+    edges = (2.0 * numbers - 1.0) / (GAITS - 1) - 1.0
     if "std" not in outputs:
         below = (regressed.unsqueeze(-1) < edges).to(regressed.dtype)
     else:
         mean, std = (outputs[name][..., -1, None] for name in ("mean", "std"))
         weight = outputs["mode"].softmax(-1).unsqueeze(-1)
-        below = (weight * torch.special.ndtr((edges - mean) / std)).sum(-2)
-    return torch.diff(
-        below,
-        dim=-1,
-        prepend=torch.zeros_like(below[..., :1]),
-        append=torch.ones_like(below[..., :1]),
-    )
+        # The normal distribution, in terms that ONNX has, as the differences below.
+        normal = 0.5 + 0.5 * torch.erf((edges - mean) / (std * sqrt(2.0)))
+        below = (weight * normal).sum(-2)
+    none, all_of_it = torch.zeros_like(below[..., :1]), torch.ones_like(below[..., :1])
+    return torch.cat((below, all_of_it), dim=-1) - torch.cat((none, below), dim=-1)

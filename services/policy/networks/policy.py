@@ -11,8 +11,26 @@ from services.policy.configuration import PolicySettings
 from services.policy.networks.continuous import Outputs
 from services.policy.networks.encoder import Encoder
 
-Terms = dict[str, Tensor]
-"""Terms of a loss by name, each a scalar and not weighted."""
+
+class Mean(NamedTuple):
+    """A mean over what counts in a batch; those of parts of a batch can be put together.
+
+    Attributes:
+        total: scalar, sum of what counts.
+        count: scalar, how much that is.
+    """
+
+    total: Tensor
+    count: Tensor
+
+    @property
+    def value(self) -> Tensor:
+        """The mean; 0 if nothing counts."""
+        return self.total / self.count.clamp(min=1.0)
+
+
+Terms = dict[str, Mean]
+"""Terms of a loss by name, not weighted."""
 
 
 class TargetBatch(NamedTuple):
@@ -83,24 +101,21 @@ class PolicyNetwork(nn.Module, ABC):
     def forward(
         self,
         observation: Tensor,
-        pictures: Tensor,
+        seen: Tensor,
         memory: Tensor | None = None,
         at: Tensor | None = None,
-        seen: Tensor | None = None,
     ) -> tuple[Outputs, Tensor]:
         """Return the outputs of b sequences of t frames, and the memory after the last frame.
 
         Args:
             observation: (b, t, n) observation vectors.
-            pictures: (b, t, cameras, height, width, 3) 8-bit pictures of the policy's cameras.
+            seen: (b, t, m) what :meth:`look` returns of the pictures, or in training the true
+                numbers of the scene in its place.
             memory: (2, layers, b, units) after the frame before; None: at the start, zero.
             at: (k,) frames of which outputs are wanted, for instance a few random ones, since
                 the outputs of chunks cost more than the memory; None: all.
-            seen: (b, t, m) what :meth:`look` returns of the pictures, or in training the true
-                numbers of the scene in its place; None: look at the pictures.
         """
-        frames = torch.cat((observation, self.look(pictures) if seen is None else seen), dim=-1)
-        x = frames
+        x = frames = torch.cat((observation, seen), dim=-1)
         if memory is None:
             memory = self.zero_memory(len(x))
         if self.lstm is not None:
@@ -114,6 +129,9 @@ class PolicyNetwork(nn.Module, ABC):
         """Return what the network sees in pictures, (b, t, m) features.
 
         These are the normalised numbers of the scene if it estimates them.
+
+        Args:
+            pictures: (b, t, cameras, height, width, 3) 8-bit pictures of the policy's cameras.
         """
         views = [
             encoder(pictures[:, :, i].flatten(0, 1)).unflatten(0, pictures.shape[:2])
@@ -153,10 +171,11 @@ class PolicyNetwork(nn.Module, ABC):
     def loss(self, terms: Terms) -> Tensor:
         """Return the sum of the terms, weighted as configured."""
         weights = self.config.loss
-        return sum((getattr(weights, name) * term for name, term in terms.items()), torch.zeros(()))
+        weighted = (getattr(weights, name) * term.value for name, term in terms.items())
+        return sum(weighted, torch.zeros(()))
 
 
-def mean_over(values: Tensor, counts: Tensor) -> Tensor:
-    """Return the mean of ``values`` (...) where ``counts`` (...); 0 if nowhere."""
+def mean_over(values: Tensor, counts: Tensor) -> Mean:
+    """Return the mean of ``values`` (...) where ``counts`` (...)."""
     weight = counts.to(values.dtype)
-    return (values * weight).sum() / weight.sum().clamp(min=1.0)
+    return Mean((values * weight).sum(), weight.sum())

@@ -1,1 +1,1 @@
-"""Parts of the service that runs a policy; none needs torch but the local engine's network."""
+"""Parts of the service that runs a policy; none needs torch."""

@@ -7,6 +7,9 @@ from pydantic import Field, model_validator
 
 from services.policy.configuration import ChunkConfig, PolicySettings, StrictModel
 
+RuntimeName = Literal["torch", "onnx", "openvino"]
+"""What computes a network: torch, ONNX Runtime or OpenVINO."""
+Precision = Literal["float32", "bfloat16"]
 WINDOW = 20
 """Frames that a recurrent policy of chunks sees anew for each, unless configured."""
 
@@ -42,8 +45,16 @@ class PolicyConfig(StrictModel):
         description="an inference server computes; the robot's side needs no torch, and of the "
         "checkpoint config.json and processor.json alone",
     )
-    device: str = Field(default="cpu", description="of torch, for instance cuda; not if remote")
-    threads: int = Field(default=1, ge=1, description="of torch; one beside a simulator")
+    runtime: RuntimeName = Field(
+        default="torch",
+        description="computes in this process, unless remote; onnx and openvino need no torch, but "
+        "a network that trill export-policy has exported",
+    )
+    device: str = Field(default="cpu", description="of the runtime, for instance cuda")
+    threads: int = Field(default=1, ge=1, description="of the runtime; one beside a simulator")
+    precision: Precision = Field(
+        default="float32", description="in which openvino looks at pictures"
+    )
     execute: int | None = Field(
         default=None,
         ge=1,
@@ -90,6 +101,15 @@ class PolicyConfig(StrictModel):
         default=60.0, gt=0.0, description="timeout until BALANCE is seen and it has the robot [s]"
     )
     stay: bool = Field(default=False, description="wait for the robot without a timeout")
+
+    @model_validator(mode="after")
+    def _precision_of_the_runtime(self) -> Self:
+        if self.precision != "float32" and self.runtime != "openvino":
+            raise ValueError(
+                f"expected precision float32 of the runtime {self.runtime}, got {self.precision}; "
+                "the runtime openvino computes in it"
+            )
+        return self
 
     @model_validator(mode="after")
     def _ages_rise(self) -> Self:

@@ -74,7 +74,7 @@ class Engine(Protocol):
 
 
 class Runtime(Protocol):
-    """Runs a network; see :class:`services.policy.networks.runtime.TorchRuntime`."""
+    """Runs a network; see :class:`services.policy.runtimes.runtime.CachingRuntime`."""
 
     def run(
         self, observations: NDArray[np.float32], pictures: Picture, memory: Memory

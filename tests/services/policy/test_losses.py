@@ -17,7 +17,7 @@ from services.policy.networks.continuous import (  # noqa: E402
     RegressionOutput,
     mixture_log_likelihood,
 )
-from services.policy.networks.policy import TargetBatch  # noqa: E402
+from services.policy.networks.policy import Mean, TargetBatch  # noqa: E402
 
 
 def mixture(*shape: int, modes: int = 5, numbers: int = 14) -> dict[str, Any]:
@@ -143,14 +143,14 @@ def test_the_terms_of_trill_reach_zero_and_guessing_costs_the_entropy() -> None:
     wanted = targets()
     terms = policy.terms(sure(wanted.gait, wanted.grasp), wanted)
     for name in ("grasp", "trigger", "gait"):
-        assert float(terms[name]) == pytest.approx(0.0, abs=1e-6)
+        assert float(terms[name].value) == pytest.approx(0.0, abs=1e-6)
     guessed = {
         name: torch.zeros_like(leaf) for name, leaf in sure(wanted.gait, wanted.grasp).items()
     } | {"std": torch.ones(2, 8, 5, 14)}
     terms = policy.terms(guessed, wanted)
-    assert float(terms["grasp"]) == pytest.approx(log(2.0))
-    assert float(terms["trigger"]) == pytest.approx(log(2.0))
-    assert float(terms["gait"]) == pytest.approx(log(6.0))
+    assert float(terms["grasp"].value) == pytest.approx(log(2.0))
+    assert float(terms["trigger"].value) == pytest.approx(log(2.0))
+    assert float(terms["gait"].value) == pytest.approx(log(6.0))
 
 
 def test_the_type_of_gait_is_learned_where_one_is_asked_for() -> None:
@@ -165,10 +165,10 @@ def test_the_type_of_gait_is_learned_where_one_is_asked_for() -> None:
     outputs["gait"][0, 3, 3] = log(5.0)
     outputs["trigger"][1] = 40.0
     terms = policy.terms(outputs, wanted)
-    assert float(terms["gait"]) == pytest.approx(log(2.0))
-    assert float(terms["trigger"]) == pytest.approx(0.0, abs=1e-6)
+    assert float(terms["gait"].value) == pytest.approx(log(2.0))
+    assert float(terms["trigger"].value) == pytest.approx(0.0, abs=1e-6)
     outputs["trigger"][0, 0] = 8.0
-    assert float(policy.terms(outputs, wanted)["trigger"]) == pytest.approx(1.0, abs=1e-3)
+    assert float(policy.terms(outputs, wanted)["trigger"].value) == pytest.approx(1.0, abs=1e-3)
 
 
 def test_frames_after_the_end_of_a_sequence_change_nothing() -> None:
@@ -182,7 +182,7 @@ def test_frames_after_the_end_of_a_sequence_change_nothing() -> None:
         expected, got = (policy.terms(outputs, given) for given in (wanted, spoiled))
         assert got.keys() == expected.keys()
         for name, term in got.items():
-            torch.testing.assert_close(term, expected[name])
+            torch.testing.assert_close(term.value, expected[name].value)
 
 
 def test_a_chunk_weighs_as_much_as_one_set_point() -> None:
@@ -190,14 +190,21 @@ def test_a_chunk_weighs_as_much_as_one_set_point() -> None:
     chunk = network(small("trill", deterministic=True, actions=ChunkConfig(steps=6)))
     ones, zeros = torch.ones(2, 8, 6, 13), torch.zeros(2, 8, 78)
     outputs = sure(targets().gait, torch.zeros(2, 8, 6, 2)) | {"mean": zeros}
-    assert float(chunk.terms(outputs, targets(steps=6, numbers=13, hands=ones))["hands"]) == 6.5
+    assert (
+        float(chunk.terms(outputs, targets(steps=6, numbers=13, hands=ones))["hands"].value) == 6.5
+    )
     outputs = sure(targets().gait, torch.zeros(2, 8, 1, 2)) | {"mean": torch.zeros(2, 8, 14)}
-    assert float(single.terms(outputs, targets(hands=torch.ones(2, 8, 1, 14)))["hands"]) == 7.0
+    assert (
+        float(single.terms(outputs, targets(hands=torch.ones(2, 8, 1, 14)))["hands"].value) == 7.0
+    )
 
 
 def test_the_terms_are_weighted_as_configured() -> None:
     policy = network(small("trill", loss=LossConfig(hands=1.0, grasp=2.0, trigger=0.0, gait=0.5)))
-    terms = {name: torch.tensor(4.0) for name in ("hands", "grasp", "trigger", "gait")}
+    terms = {
+        name: Mean(torch.tensor(8.0), torch.tensor(2.0))
+        for name in ("hands", "grasp", "trigger", "gait")
+    }
     assert float(policy.loss(terms)) == 14.0
 
 
@@ -208,7 +215,7 @@ def test_the_categorical_ablation_has_no_trigger_and_chooses_none_too() -> None:
     outputs["gait"] = torch.zeros(2, 8, 7)
     terms = policy.terms(outputs, wanted)
     assert set(terms) == {"hands", "grasp", "gait"}
-    assert float(terms["gait"]) == pytest.approx(log(7.0))
+    assert float(terms["gait"].value) == pytest.approx(log(7.0))
     torch.testing.assert_close(policy.decide(outputs).gait, torch.full((2, 8, 7), 1.0 / 7.0))
 
 
@@ -234,7 +241,7 @@ def test_a_flat_vector_means_what_it_was_trained_to_be() -> None:
         dim=-1,
     )
     outputs["mean"] = vector
-    assert float(policy.terms(outputs, wanted)["hands"]) == pytest.approx(0.0, abs=1e-10)
+    assert float(policy.terms(outputs, wanted)["hands"].value) == pytest.approx(0.0, abs=1e-10)
     decision = policy.decide(outputs)
     torch.testing.assert_close(decision.hands, wanted.hands)
     torch.testing.assert_close(decision.grasp, wanted.grasp)

@@ -20,7 +20,8 @@ torch = pytest.importorskip("torch", reason="needs the extra policy")
 from services.policy.networks.encoder import Encoder, SpatialSoftmax  # noqa: E402
 from services.policy.networks.policy import PolicyNetwork  # noqa: E402
 from services.policy.networks.resnet import ResNet18  # noqa: E402
-from services.policy.networks.runtime import TorchRuntime  # noqa: E402
+from services.policy.runtimes.runtime import CachingRuntime, warm_up  # noqa: E402
+from services.policy.runtimes.torch_backend import TorchBackend  # noqa: E402
 
 
 def parameters(module: Any) -> int:
@@ -59,13 +60,13 @@ def test_a_sequence_and_its_single_steps_agree(kind: str, changes: dict[str, Any
     config = small(kind, **changes)
     policy = made(config)
     observation, pictures = inputs(config)
-    policy(observation, pictures)  # moves the statistics of the batch normalisation
+    policy.look(pictures)  # moves the statistics of the batch normalisation
     policy.eval()
     with torch.no_grad():
-        outputs, memory = policy(observation, pictures)
+        outputs, memory = policy(observation, policy.look(pictures))
         whole = policy.decide(outputs)
 
-    runtime = TorchRuntime(policy)
+    runtime = CachingRuntime(TorchBackend(policy))
     state = np.zeros(config.memory_shape, dtype=np.float32)
     for t in range(6):
         decision, state = runtime.run(
@@ -89,7 +90,7 @@ def test_a_picture_in_many_windows_is_looked_at_once(monkeypatch: pytest.MonkeyP
         looked.append(views.shape[1])
         return PolicyNetwork.look(policy, views)
 
-    runtime = TorchRuntime(policy)
+    runtime = CachingRuntime(TorchBackend(policy))
     monkeypatch.setattr(policy, "look", look)
     for end in (4, 9, 9, 80):
         window = slice(max(0, end - 8), end)
@@ -98,11 +99,26 @@ def test_a_picture_in_many_windows_is_looked_at_once(monkeypatch: pytest.MonkeyP
         )
         with torch.no_grad():
             seen = PolicyNetwork.look(policy, pictures[:, window])
-            outputs, after = policy(observation[:, window], pictures[:, window], seen=seen)
+            outputs, after = policy(observation[:, window], seen)
             expected = policy.decide(outputs)
         np.testing.assert_allclose(decision.hands, expected[0][0, -1].numpy(), atol=2e-6)
         np.testing.assert_allclose(memory, after[:, :, 0].numpy(), atol=2e-6)
     assert looked == [4, 5, 8]
+
+
+def test_a_warm_up_shows_as_many_new_pictures_as_service_does(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    policy = made(small("trill"))
+    looked: list[int] = []
+
+    def look(views: Any) -> Any:
+        looked.append(views.shape[1])
+        return PolicyNetwork.look(policy, views)
+
+    monkeypatch.setattr(policy, "look", look)
+    warm_up(CachingRuntime(TorchBackend(policy)), policy.config, 20, 5)
+    assert looked == [1, 20, 5]
 
 
 def test_what_a_recurrent_policy_saw_changes_what_it_does_and_a_reactive_one_forgets() -> None:
@@ -113,7 +129,8 @@ def test_what_a_recurrent_policy_saw_changes_what_it_does_and_a_reactive_one_for
         other = observation.clone()
         other[:, 0] += 1.0
         with torch.no_grad():
-            last = [policy(x, pictures)[0]["mean"][:, -1] for x in (observation, other)]
+            seen = policy.look(pictures)
+            last = [policy(x, seen)[0]["mean"][:, -1] for x in (observation, other)]
         assert bool((last[0] == last[1]).all()) is not remembers
 
 
@@ -121,7 +138,7 @@ def test_gaits_with_a_network_of_their_own_are_decided_by_this_frame_alone() -> 
     inputs_of = InputConfig(picture_size=SIZE, previous_setpoint=True, estimated=("ball.x",))
     config = small("trill", inputs=inputs_of, gait_network=GaitNetworkConfig(layers=(8,)))
     policy = made(config).eval()
-    observation, pictures = inputs(config)
+    observation, _ = inputs(config)
     setpoint = list(config.inputs.parts).index("previous_setpoint")
     first = sum([*config.inputs.parts.values()][:setpoint])
 
@@ -133,7 +150,7 @@ def test_gaits_with_a_network_of_their_own_are_decided_by_this_frame_alone() -> 
         else:
             changed[0, frame, column] += 3.0
         with torch.no_grad():
-            outputs, _ = policy(changed, pictures, seen=seen, at=torch.tensor([5]))
+            outputs, _ = policy(changed, seen, at=torch.tensor([5]))
             hands, _, gait = policy.decide(outputs)
             return hands, gait
 
@@ -154,7 +171,8 @@ def test_the_outputs_of_chosen_frames_are_those_of_all_frames() -> None:
     observation, pictures = inputs(policy.config, sequences=2)
     at = torch.tensor([4, 1])
     with torch.no_grad():
-        every, chosen = policy(observation, pictures)[0], policy(observation, pictures, at=at)[0]
+        seen = policy.look(pictures)
+        every, chosen = policy(observation, seen)[0], policy(observation, seen, at=at)[0]
     for name, output in chosen.items():
         torch.testing.assert_close(output, every[name][:, at])
 

@@ -21,7 +21,8 @@ from tests.services.policy.made import SIZE, episode, small
 
 torch = pytest.importorskip("torch", reason="needs the extra policy")
 from services.policy.networks.policy import PolicyNetwork, TargetBatch  # noqa: E402
-from services.policy.networks.runtime import TorchRuntime  # noqa: E402
+from services.policy.runtimes.runtime import CachingRuntime  # noqa: E402
+from services.policy.runtimes.torch_backend import TorchBackend  # noqa: E402
 
 FRAMES = 12
 STEPS = 130
@@ -64,11 +65,11 @@ def learn(
     for step in range(STEPS):
         optimiser.param_groups[0]["lr"] = 0.015 * (1.0 - step / STEPS)
         optimiser.zero_grad()
-        terms = policy.terms(policy(observation, pictures)[0], batch)
+        terms = policy.terms(policy(observation, policy.look(pictures))[0], batch)
         policy.loss(terms).backward()
         torch.nn.utils.clip_grad_norm_(policy.parameters(), 5.0)
         optimiser.step()
-    return {name: float(term.detach()) for name, term in terms.items()}
+    return {name: float(term.value.detach()) for name, term in terms.items()}
 
 
 def test_four_sequences_are_learned_by_heart_and_replayed() -> None:
@@ -83,7 +84,7 @@ def test_four_sequences_are_learned_by_heart_and_replayed() -> None:
     assert floor < terms["hands"] < floor + 0.5
     assert max(terms["grasp"], terms["trigger"], terms["gait"]) < 0.01
 
-    runtime = TorchRuntime(policy)
+    runtime = CachingRuntime(TorchBackend(policy))
     for arrays, views in zip(episodes, pictures, strict=True):
         command = Command(arrays["action/hands"][0], 0.0)
         memory = np.zeros(CONFIG.memory_shape, dtype=np.float32)

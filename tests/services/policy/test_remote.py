@@ -23,7 +23,8 @@ from common.transport.config import BusConfig
 from common.transport.session import open_session
 from services.policy.checkpoint.manifest import Description, describe
 from services.policy.configuration import ChunkConfig
-from services.policy.networks.runtime import load_runtime
+from services.policy.runtimes.load import load_runtime
+from services.policy.serving.config import PolicyConfig
 from services.policy.serving.engine import Answer, Request
 from services.policy.serving.remote import NO_SERVER, RemoteEngine
 from services.policy.serving.wire import ANSWER_TAG, REQUEST_TAG, WireFormat
@@ -57,7 +58,7 @@ def same(got: Any, expected: Any) -> None:
 
 
 def test_requests_and_answers_are_what_they_were(checkpoint: Path) -> None:
-    runtime, description = load_runtime(checkpoint)
+    runtime, description = load_runtime(PolicyConfig(checkpoint=checkpoint))
     wire, asked = WireFormat(description), request(7)
     got = wire.unpack_request(wire.pack_request(asked), REQUEST_TAG)
     same(got, asked)
@@ -148,7 +149,7 @@ class Player:
 def test_a_server_that_is_killed_stopped_restarted_or_doubled(
     checkpoint: Path, tmp_path: Path
 ) -> None:
-    runtime, description = load_runtime(checkpoint)
+    runtime, description = load_runtime(PolicyConfig(checkpoint=checkpoint))
     other = saved(tmp_path / "other", STEREO, seed=1)
     player = Player(description)
     expected = [runtime.run(*request(step)[1:]) for step in range(11)]

@@ -1,6 +1,6 @@
 """Small data sets from which a policy can learn within seconds."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,11 @@ import torch
 from common.episodes.columns import COLUMNS, Rows
 from common.episodes.episode_file import Operator
 from lab.learning.training.config import TrainingConfig
+from lab.learning.training.demonstrations import Demonstration
 from lab.learning.training.recipes import Recipe
 from lab.learning.training.train import Job
 from services.policy.configuration import InputConfig, MemoryConfig, MixtureConfig, PolicySettings
+from services.policy.processor.pictures import Picture
 from tests.lab.demonstrations.export.support import make
 from tests.services.policy.made import episode, small
 
@@ -93,3 +95,8 @@ def job(data: Path, out: Path, policy: PolicySettings | None = None, **changes: 
     }
     recipe = Recipe(policy or blind(), TrainingConfig(**(given | changes)))
     return Job(TASK, (data,), out, recipe, torch.device("cpu"))
+
+
+def not_asked(_shown: Demonstration) -> Iterator[list[Picture]]:
+    """Stand in for what renders the pictures of demonstrations that have some."""
+    raise AssertionError("the demonstrations have pictures")

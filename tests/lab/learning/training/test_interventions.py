@@ -15,7 +15,7 @@ from lab.learning.training.pictures import read_pictures
 from lab.learning.training.windows import Windows, observation_spread
 from services.policy.configuration import InputConfig
 from services.policy.processor.processor import Processor
-from tests.lab.learning.training.support import TASK, blind, dataset
+from tests.lab.learning.training.support import TASK, blind, dataset, not_asked
 
 HELPED = ((1, 4), (6, 9), (9, 10))
 """Two interventions, of three and of four frames; episodes end with the tenth."""
@@ -37,7 +37,7 @@ def test_only_the_frames_of_the_helper_are_shown_with_their_pictures(tmp_path: P
         for name, values in found[1].arrays.items():
             np.testing.assert_array_equal(values, episode.array(name, slice(6, 10)))
         inputs = InputConfig(picture_size=(48, 36))
-        pictures = read_pictures(found[1:2], inputs, tmp_path)
+        pictures = read_pictures(found[1:2], inputs, tmp_path / "pictures.npy", not_asked)
         seen = cv2.absdiff(pictures[0, 0], np.asarray(episode.picture("left", 6)))
         assert seen.max() == 0
     assert in_words(found) == "4 interventions (100 % of the frames)"

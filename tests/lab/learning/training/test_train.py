@@ -1,6 +1,8 @@
 """A training from a data set to a checkpoint: what is learned, kept, and gone on with."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from math import log, pi
 from pathlib import Path
@@ -12,12 +14,14 @@ import torch
 
 from lab.errors import TrainingError
 from lab.learning.training.config import ViewsConfig
+from lab.learning.training.events import EVENTS
 from lab.learning.training.folder import BEST, LAST, METRICS, STATE
 from lab.learning.training.learner import Learner
 from lab.learning.training.train import train
 from lab.learning.training.views import Views
 from services.policy.checkpoint.folder import load_checkpoint
 from services.policy.configuration import InputConfig, LossConfig
+from services.sim.errors import RenderingUnavailableError
 from tests.lab.learning.training.support import PICTURE, SCENE, blind, dataset, job
 from tests.services.policy.made import small
 
@@ -174,6 +178,47 @@ def test_pictures_are_learned_from(tmp_path: Path) -> None:
     network, description = load_checkpoint(tmp_path / "out" / LAST)
     assert description.manifest.origin.picture_size == PICTURE
     assert int(network.encoders["left"].trunk.layers[1].num_batches_tracked) == 6
+
+
+def test_pictures_that_a_data_set_lacks_are_rendered(data: Path, tmp_path: Path) -> None:
+    seeing = blind(inputs=InputConfig(picture_size=(40, 30), joint_state=False))
+    try:
+        train(job(data, tmp_path, seeing))
+    except RenderingUnavailableError as error:
+        pytest.skip(str(error))
+    mean = weights(tmp_path)["encoders.left.trunk.layers.1.running_mean"]
+    assert float(mean.abs().min()) > 0.0
+
+
+def test_two_processes_learn_what_one_does(data: Path, tmp_path: Path) -> None:
+    alone, together = tmp_path / "alone", tmp_path / "together"
+    train(job(data, alone, loss_frames=3, average=0.9))
+    command = ["-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
+    module = ["-m", "tests.lab.learning.training.two_processes", str(data), str(together)]
+    done = subprocess.run(
+        [sys.executable, *command, *module], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    for one, two in zip(metrics(alone), metrics(together), strict=True):
+        assert one["step"] == two["step"]
+        for part in ("train", "held_out"):
+            assert two[part] == pytest.approx(one[part], rel=1e-4, abs=1e-5)
+    for name, tensor in weights(alone).items():
+        torch.testing.assert_close(weights(together)[name], tensor, atol=1e-4, rtol=1e-4)
+
+
+def test_tensorboard_reads_the_metrics(data: Path, tmp_path: Path) -> None:
+    pytest.importorskip("tensorboard", reason="needs the extra tensorboard")
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    train(job(data, tmp_path))
+    events = EventAccumulator(str(tmp_path / EVENTS))
+    events.Reload()
+    for line in metrics(tmp_path):
+        for part in ("train", "held_out"):
+            for name, value in line[part].items():
+                found = {e.step: e.value for e in events.Scalars(f"{part}/{name}")}
+                assert found[line["step"]] == pytest.approx(value, rel=1e-6)
 
 
 def test_16_bits_learn_about_the_same_and_are_not_kept(tmp_path: Path) -> None:

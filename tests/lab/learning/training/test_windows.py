@@ -6,18 +6,21 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import torch
 
 from common.episodes.episode_file import open_episode
+from lab.errors import TrainingError
 from lab.learning.training.config import NoiseConfig, TrainingConfig
 from lab.learning.training.demonstrations import Demonstration, divide, read_demonstrations
 from lab.learning.training.errors import EstimationErrors
 from lab.learning.training.pictures import read_pictures
+from lab.learning.training.processes import Processes
 from lab.learning.training.windows import Spread, Windows, observation_spread, shifted
 from services.policy.configuration import ChunkConfig, InputConfig
 from services.policy.processor.actions import Command
 from services.policy.processor.pictures import scale_picture
 from services.policy.processor.processor import ESTIMATED, Processor
-from tests.lab.learning.training.support import TASK, blind, dataset
+from tests.lab.learning.training.support import TASK, blind, dataset, not_asked
 from tests.services.policy.made import episode, small
 
 WINDOW = 6
@@ -39,7 +42,7 @@ def windows(
 ) -> tuple[Windows, Processor]:
     arrays = [d.arrays for d in demonstrations]
     processor = Processor.fit(POLICY, arrays)
-    pictures = read_pictures(demonstrations, POLICY.inputs, tmp_path)
+    pictures = read_pictures(demonstrations, POLICY.inputs, tmp_path / "pictures.npy", not_asked)
     return Windows(processor, arrays, pictures, config), processor
 
 
@@ -90,6 +93,22 @@ def test_the_same_seed_draws_the_same_windows(
     assert not np.array_equal(one.observation, third.observation)
     assert one.targets.hands.shape == (8, 2, 3, 13)
     assert one.at.tolist() == sorted(set(one.at.tolist()))
+
+
+def test_the_parts_of_a_batch_are_the_batch(
+    demonstrations: list[Demonstration], tmp_path: Path
+) -> None:
+    made, processor = windows(demonstrations, tmp_path, CONFIG.model_copy(update={"shift": 2}))
+    noise = observation_spread(processor, NoiseConfig(hand=0.1, hand_white=0.1))
+    parts = [slice(None), Processes(0, 2).part(8), Processes(1, 2).part(8)]
+    whole, *halves = (made.draw(np.random.default_rng(3), 8, noise, part=p) for p in parts)
+    for place, half in enumerate(halves):
+        np.testing.assert_array_equal(half.observation, whole.observation[place::2])
+        np.testing.assert_array_equal(half.pictures, whole.pictures[place::2])
+        np.testing.assert_array_equal(half.targets.hands, whole.targets.hands[place::2])
+        assert half.at.tolist() == whole.at.tolist()
+    with pytest.raises(TrainingError, match="that 3 processes can divide, got 8"):
+        Processes(0, 3).part(8)
 
 
 def test_noise_is_on_what_it_is_configured_for(demonstrations: list[Demonstration]) -> None:
@@ -183,7 +202,8 @@ def test_constant_noise_is_one_draw_for_a_window() -> None:
 def test_a_window_is_shifted_as_a_whole() -> None:
     rng = np.random.default_rng(0)
     pictures = rng.integers(0, 255, size=(5, 4, 2, 12, 16, 3), dtype=np.uint8)
-    moved = shifted(pictures, np.random.default_rng(1), 2)
+    moves = np.random.default_rng(1).integers(-2, 3, size=(5, 2))
+    moved = shifted(torch.from_numpy(pictures), moves).numpy()
     for given, got in zip(pictures, moved, strict=True):
         inner = given[:, :, 2:-2, 2:-2]
         fits = [
