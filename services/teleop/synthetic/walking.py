@@ -1,6 +1,7 @@
 """Planning of gaits to a goal: a search, or a simple rule."""
 
 import heapq
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -43,14 +44,18 @@ def seen_pose(seen: Observation) -> Pose2:
 
 def plan_gaits(here: Pose2, goal: Pose2, tolerance: Tolerance) -> list[Gait]:
     """Return the fewest gaits that lead near enough to the goal (A*), or as near as possible."""
-    queue: list[tuple[float, int, Pose2, tuple[Gait, ...]]] = [(0.0, 0, here, ())]
+    # The running number decides between equals: poses have no order.
+    number = itertools.count()
+    queue: list[tuple[float, int, int, Pose2, tuple[Gait, ...]]] = [
+        (0.0, 0, next(number), here, ())
+    ]
     seen: set[tuple[int, int, int]] = set()
     best: tuple[Gait, ...] = ()
     best_off = math.inf
     for _ in range(_LARGEST_SEARCH):
         if not queue:
             break
-        _, _, pose, gaits = heapq.heappop(queue)
+        _, _, _, pose, gaits = heapq.heappop(queue)
         key = (round(pose.x / 0.02), round(pose.y / 0.02), round(pose.yaw / 0.03))
         if key in seen:
             continue
@@ -67,7 +72,8 @@ def plan_gaits(here: Pose2, goal: Pose2, tolerance: Tolerance) -> list[Gait]:
             distance = math.hypot(left.x, left.y) - tolerance.distance
             turn = abs(left.yaw) - tolerance.angle
             still = max(0.0, distance) / 0.2 + max(0.0, turn) / STEPS[Gait.TURN_LEFT].yaw
-            heapq.heappush(queue, (len(gaits) + 1 + still, -len(seen), step, (*gaits, gait)))
+            cost = len(gaits) + 1 + still
+            heapq.heappush(queue, (cost, -len(seen), next(number), step, (*gaits, gait)))
     return list(best)
 
 

@@ -63,6 +63,11 @@ def test_planned_gaits_lead_to_the_goal_and_are_few(seed: int) -> None:
     assert 4 <= len(gaits) <= 12
 
 
+def test_gaits_are_planned_where_two_ways_are_exactly_as_long() -> None:
+    gaits = plan_gaits(Pose2(), Pose2(1.0, 0.0, 0.0), Tolerance())
+    assert gaits == [Gait.FORWARD] * 5
+
+
 def test_the_rule_turns_then_goes_ahead_then_aside() -> None:
     goal, tolerance = Pose2(0.4, 0.1, 0.0), Tolerance()
     here, done = Pose2(0.0, 0.0, 0.3), []
