@@ -1,9 +1,9 @@
 """``dataset.json``: the settings of a data set's episodes, and the code that made them."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from common.episodes.errors import EpisodeError
 from common.episodes.folder import DATASET
@@ -13,6 +13,13 @@ from lab.demonstrations.recorded.config import RecordedConfig
 from lab.trials.folder import read_model
 from lab.trials.provenance import CodeVersion
 from lab.trials.spec import settings_differences
+
+
+def _kind(config: Any) -> str:
+    """Return which settings these are, so that what is wrong is said of them alone."""
+    if isinstance(config, dict):
+        return "recorded" if "recorded" in config else "trials"
+    return "recorded" if isinstance(config, RecordedConfig) else "trials"
 
 
 class DatasetFile(BaseModel):
@@ -27,7 +34,10 @@ class DatasetFile(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    config: Annotated[RecordedConfig | EpisodeConfig, Field(union_mode="left_to_right")]
+    config: Annotated[
+        Annotated[RecordedConfig, Tag("recorded")] | Annotated[EpisodeConfig, Tag("trials")],
+        Discriminator(_kind),
+    ]
     code: tuple[CodeVersion, ...] = Field(min_length=1)
     first_seed: int = Field(ge=0)
     wanted: int = Field(default=0, ge=0)

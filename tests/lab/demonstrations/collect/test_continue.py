@@ -48,7 +48,7 @@ def test_what_is_wrong_in_the_description_is_named(tmp_path: Path) -> None:
     gather(tmp_path, 1)
     path = tmp_path / "dataset.json"
     path.write_text(path.read_text().replace('"torque_mode": "relaxed"', '"torque_mode": "lazy"'))
-    with pytest.raises(EpisodeError, match=r"config\.torque_mode") as error:
+    with pytest.raises(EpisodeError, match=r"config\.trials\.torque_mode") as error:
         read_dataset(tmp_path)
     assert "task" not in str(error.value)
 
