@@ -250,11 +250,15 @@ def _checkpoint(arguments: argparse.Namespace) -> "Manifest":
 
     Raises:
         ConfigError: it sees, and there are to be no cameras.
-        CheckpointError: the checkpoint cannot be served.
+        CheckpointError: the checkpoint cannot be served, or not by the runtime that was chosen.
     """
+    from services.policy.checkpoint.exported import read_exported
     from services.policy.checkpoint.manifest import describe
 
-    manifest = describe(arguments.policy).manifest
+    description = describe(arguments.policy)
+    if "remote" not in arguments and getattr(arguments, "runtime", "torch") != "torch":
+        read_exported(arguments.policy, description)
+    manifest = description.manifest
     cameras = manifest.interface.cameras
     if cameras and arguments.no_cameras:
         raise ConfigError(

@@ -220,4 +220,6 @@ def test_a_policy_that_cannot_be_run_is_refused_before_anything_starts(
     (seeing / PROCESSOR).write_text(description.processor.model_dump_json(indent=1))
     assert main(["up", "--policy", "seeing", "--no-cameras"]) == 2
     assert "sees through the left and right camera" in capsys.readouterr().err
+    assert main(["up", "--policy", "seeing", "--runtime", "onnx"]) == 1
+    assert "seeing has no exported network" in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
