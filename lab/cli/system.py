@@ -12,6 +12,7 @@ from common.tables import validated
 from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
+from lab.cli.policy_task import say_other_task
 from services.policy.options import add_inference_options, inference_arguments
 from services.policy.runtimes.load import require_runtime
 
@@ -241,6 +242,7 @@ def _prepare_policy(arguments: argparse.Namespace) -> None:
     manifest = _checkpoint(arguments)
     arguments.policy = arguments.policy.resolve()
     arguments.task = arguments.task or manifest.origin.task
+    say_other_task(arguments.policy, manifest.origin.task, arguments.task)
     if not arguments.task:
         raise ConfigError(f"{arguments.policy} does not say what it has learned; give --task")
 
@@ -281,7 +283,8 @@ def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
     if arguments.policy is None:
         return []
     # Before anything is started.
-    _checkpoint(arguments)
+    manifest = _checkpoint(arguments)
+    say_other_task(arguments.policy, manifest.origin.task, arguments.task)
     return [policy_process(arguments.policy.resolve(), *options)]
 
 
