@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from common.errors import ConfigError
 from common.packages import require
 from lab.cli.commands import Action
+from lab.cli.policy_task import say_other_task
 from lab.trials import options
 
 if TYPE_CHECKING:
@@ -188,13 +189,15 @@ def _helped(arguments: argparse.Namespace, operator: object) -> dict[str, object
     assert isinstance(operator, SyntheticSpec)
     # A training that goes on moves its link to the best checkpoint.
     checkpoint = arguments.policy.resolve()
+    description = describe(checkpoint)
+    say_other_task(arguments.policy, description.manifest.origin.task, arguments.task)
     latest = arguments.take_over_latest
     if latest is None:
         latest = _LATEST * find_task(arguments.task).limit
     given = {"stalled": arguments.take_over, "latest": latest}
     return {
         "kind": "helped",
-        "policy": policy_spec(checkpoint, describe(checkpoint), {}),
+        "policy": policy_spec(checkpoint, description, {}),
         "traits": operator.traits,
         "take_over": {name: value for name, value in given.items() if value is not None},
     }

@@ -29,8 +29,9 @@ RECORD_EXAMPLES = """examples:
   trill record --topics 'plant/*,wbc/**' --out logs/friday
 """
 INFO = """Show what a log holds: when and where it was recorded, which services ran, each topic's
-messages, rate, size and losses, the episodes, the injected links, and whether the file is whole.
-This reads only the index and is quick; a file without its end is read through."""
+messages, rate, size and losses, who had the robot and where somebody took over from a policy, the
+episodes, the injected links, and whether the file is whole.
+This reads the index and little else, and is quick; a file without its end is read through."""
 INFO_EXAMPLES = f"""examples:
   trill info {RUNS}/20260131-120000
   trill info {RUNS}/20260131-120000/log-2.mcap       only this segment

@@ -12,6 +12,7 @@ from common.tables import validated
 from deploy.system import LOG_FILE, SystemOptions
 from lab.cli.bus import add_config_option
 from lab.cli.commands import Action
+from lab.cli.policy_task import say_other_task
 from services.policy.options import add_inference_options, inference_arguments
 from services.policy.runtimes.load import require_runtime
 
@@ -241,6 +242,7 @@ def _prepare_policy(arguments: argparse.Namespace) -> None:
     manifest = _checkpoint(arguments)
     arguments.policy = arguments.policy.resolve()
     arguments.task = arguments.task or manifest.origin.task
+    say_other_task(arguments.policy, manifest.origin.task, arguments.task)
     if not arguments.task:
         raise ConfigError(f"{arguments.policy} does not say what it has learned; give --task")
 
@@ -250,11 +252,15 @@ def _checkpoint(arguments: argparse.Namespace) -> "Manifest":
 
     Raises:
         ConfigError: it sees, and there are to be no cameras.
-        CheckpointError: the checkpoint cannot be served.
+        CheckpointError: the checkpoint cannot be served, or not by the runtime that was chosen.
     """
+    from services.policy.checkpoint.exported import read_exported
     from services.policy.checkpoint.manifest import describe
 
-    manifest = describe(arguments.policy).manifest
+    description = describe(arguments.policy)
+    if "remote" not in arguments and getattr(arguments, "runtime", "torch") != "torch":
+        read_exported(arguments.policy, description)
+    manifest = description.manifest
     cameras = manifest.interface.cameras
     if cameras and arguments.no_cameras:
         raise ConfigError(
@@ -277,7 +283,8 @@ def _policies(arguments: argparse.Namespace) -> "list[ProcessSpec]":
     if arguments.policy is None:
         return []
     # Before anything is started.
-    _checkpoint(arguments)
+    manifest = _checkpoint(arguments)
+    say_other_task(arguments.policy, manifest.origin.task, arguments.task)
     return [policy_process(arguments.policy.resolve(), *options)]
 
 

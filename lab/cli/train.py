@@ -98,7 +98,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--pretrain-views",
         type=options.count,
         metavar="N",
-        help="views from which the encoder learns the scene, recipe chunks (3600)",
+        help="views from which the encoder learns the scene, recipe chunks (3600; door/push: 5000)",
     )
     machine = parser.add_argument_group("machine")
     machine.add_argument("--device", default="cpu", help="of torch: cpu, cuda (cpu)")

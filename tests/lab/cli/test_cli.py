@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from lab.cli.main import COMMANDS, main
+from lab.cli.policy_task import say_other_task
 from lab.live import drive
 from lab.review import report
 from services.policy.checkpoint.manifest import MANIFEST, PROCESSOR
@@ -205,6 +206,15 @@ def test_what_a_command_lacks_is_named(command: list[str]) -> None:
     assert "Traceback" not in ended.stderr
 
 
+def test_a_policy_of_another_task_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    say_other_task(Path("best"), "door/walk", "door/unlock")
+    assert capsys.readouterr().err == "note: best has learned door/walk; it is given door/unlock\n"
+    say_other_task(Path("best"), "door/walk", "door/walk")
+    say_other_task(Path("best"), "", "door/walk")
+    say_other_task(Path("best"), "door/walk", None)
+    assert not capsys.readouterr().err
+
+
 def test_a_policy_that_cannot_be_run_is_refused_before_anything_starts(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -220,4 +230,6 @@ def test_a_policy_that_cannot_be_run_is_refused_before_anything_starts(
     (seeing / PROCESSOR).write_text(description.processor.model_dump_json(indent=1))
     assert main(["up", "--policy", "seeing", "--no-cameras"]) == 2
     assert "sees through the left and right camera" in capsys.readouterr().err
+    assert main(["up", "--policy", "seeing", "--runtime", "onnx"]) == 1
+    assert "seeing has no exported network" in capsys.readouterr().err
     assert not (tmp_path / "runs").exists()
