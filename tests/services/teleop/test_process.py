@@ -63,7 +63,7 @@ def test_in_simulated_time_an_ended_operator_is_silent() -> None:
         (["scripted", "--gait", "hop"], "invalid choice: 'hop'"),
         (["scripted", "--count", "0"], "expected at least 1, got 0"),
         (["scripted", "--script", "stand", "--seconds", "-1"], "expected more than 0"),
-        (["fly"], "expected scripted, keyboard or synthetic, got 'fly'"),
+        (["fly"], "expected scripted, keyboard, headset or synthetic, got 'fly'"),
     ],
 )
 def test_wrong_options_are_explained(options: list[str], message: str) -> None:
