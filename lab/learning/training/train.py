@@ -26,6 +26,7 @@ from lab.learning.training.folder import Progress, TrainingFile, TrainingFolder
 from lab.learning.training.gaits import train_gaits
 from lab.learning.training.learner import Learner
 from lab.learning.training.loop import part_done, run_steps
+from lab.learning.training.memory import keep_freed_memory
 from lab.learning.training.pictures import read_pictures
 from lab.learning.training.processes import Processes, together
 from lab.learning.training.recipes import Recipe
@@ -80,6 +81,7 @@ def train(job: Job) -> Progress:
         ProcessorError: the data set lacks what the policy observes.
         RenderingUnavailableError: pictures are to be rendered, and there is no off-screen OpenGL.
     """
+    keep_freed_memory()
     with together(job.device) as (processes, device):
         return _train(replace(job, device=device), processes)
 

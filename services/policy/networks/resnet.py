@@ -26,8 +26,9 @@ class BasicBlock(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """Return (n, channels, h / stride, w / stride) of (n, given, h, w)."""
         around = x if self.downsample is None else self.downsample(x)
-        inner = nn.functional.relu(self.bn1(self.conv1(x)))
-        return nn.functional.relu(self.bn2(self.conv2(inner)) + around)
+        inner = nn.functional.relu(self.bn1(self.conv1(x)), inplace=True)
+        # Of what lies between, nothing is needed for the gradient.
+        return nn.functional.relu(self.bn2(self.conv2(inner)).add_(around), inplace=True)
 
 
 class ResNet18(nn.Module):
@@ -53,7 +54,7 @@ class ResNet18(nn.Module):
 
     def forward(self, x: Tensor) -> Tensor:
         """Return the feature maps (n, channels, h / 32, w / 32) of pictures (n, 3, h, w)."""
-        x = self.maxpool(nn.functional.relu(self.bn1(self.conv1(x))))
+        x = self.maxpool(nn.functional.relu(self.bn1(self.conv1(x)), inplace=True))
         return self.layer4(self.layer3(self.layer2(self.layer1(x))))
 
 

@@ -13,10 +13,10 @@ import pytest
 import torch
 
 from lab.errors import TrainingError
-from lab.learning.training.config import ViewsConfig
+from lab.learning.training.config import TrainingConfig, ViewsConfig
 from lab.learning.training.events import EVENTS
 from lab.learning.training.folder import BEST, LAST, METRICS, STATE
-from lab.learning.training.learner import Learner
+from lab.learning.training.learner import Learner, mixed_precision
 from lab.learning.training.train import train
 from lab.learning.training.views import Views
 from services.policy.checkpoint.folder import load_checkpoint
@@ -234,6 +234,24 @@ def test_16_bits_learn_about_the_same_and_are_not_kept(tmp_path: Path) -> None:
         }
     assert found[0] != found[1]
     assert found[0] == pytest.approx(found[1], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("amx", "avx512", "looking", "mixed"),
+    [
+        (False, False, True, False),
+        (False, True, True, True),
+        (False, True, False, False),
+        (True, True, False, True),
+    ],
+)
+def test_16_bits_are_chosen_where_the_processor_gains(
+    amx: bool, avx512: bool, looking: bool, mixed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(torch.cpu, "_is_amx_tile_supported", lambda: amx)
+    monkeypatch.setattr(torch.cpu, "_is_avx512_bf16_supported", lambda: avx512)
+    config, device = TrainingConfig(), torch.device("cpu")
+    assert mixed_precision(config, device, looking=looking) is mixed
 
 
 def test_other_settings_are_refused_in_the_same_folder(data: Path, tmp_path: Path) -> None:
