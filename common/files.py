@@ -3,7 +3,7 @@
 import fcntl
 import os
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -71,6 +71,18 @@ def whole_folder(path: Path) -> Iterator[Path]:
         _synchronise(path.parent)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def write_folder(path: Path, contents: Mapping[str, bytes]) -> None:
+    """Write a new folder with files by name, as :func:`whole_folder` does.
+
+    Raises:
+        FileExistsError: there is a file or folder at ``path`` already.
+        OSError: it cannot be written.
+    """
+    with whole_folder(path) as temporary:
+        for name, content in contents.items():
+            write_whole(temporary / name, content)
 
 
 def _synchronise(path: Path) -> None:

@@ -14,7 +14,7 @@ from typing import Final, Literal, NamedTuple
 from pydantic import ValidationError
 
 from common.errors import explain
-from common.files import whole_folder, write_whole
+from common.files import write_folder
 from services.policy.checkpoint.manifest import Description, sha256
 from services.policy.configuration import StrictModel
 from services.policy.errors import CheckpointError
@@ -74,9 +74,7 @@ def write_exported(
     try:
         if folder.exists():
             shutil.rmtree(folder)
-        with whole_folder(folder) as temporary:
-            for name, content in contents.items():
-                write_whole(temporary / name, content)
+        write_folder(folder, contents)
     except OSError as error:
         raise CheckpointError(
             f"cannot write {folder}: {error}; copy the checkpoint to a folder of yours"

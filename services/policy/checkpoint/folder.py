@@ -7,7 +7,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from common.files import whole_folder, write_whole
+from common.files import write_folder
 from services.policy.checkpoint.manifest import (
     MANIFEST,
     NETWORK,
@@ -50,9 +50,7 @@ def save_checkpoint(
     )
     contents[MANIFEST] = manifest.model_dump_json(indent=1).encode()
     try:
-        with whole_folder(folder) as temporary:
-            for name, content in contents.items():
-                write_whole(temporary / name, content)
+        write_folder(folder, contents)
     except OSError as error:
         raise CheckpointError(
             f"cannot write the checkpoint {folder}: {error}; choose another folder"
